@@ -1,0 +1,144 @@
+"""Modules that say at once when a value cannot be meant.
+
+A field declares its rule where it is defined (``t_m = positive("length")``). Outside of jit a value that breaks
+it is a ValueError in one sentence; inside jit, where nothing can be raised, the same rules become a boolean
+(:func:`admissible`) and the lane is labelled IMPOSSIBLE.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import numbers
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool
+
+from .units import DISPLAY
+
+# rule -> (what is allowed, in words; the test, for NumPy and for traced arrays alike)
+RULES = {
+    "positive": ("a positive finite number", lambda x: (x > 0) & (x < np.inf)),
+    "nonnegative": ("a finite number, zero or more", lambda x: (x >= 0) & (x < np.inf)),
+    "finite": ("a finite number", lambda x: (x > -np.inf) & (x < np.inf)),
+    "right_angle": (
+        "an angle from 0 up to, but not including, 90 degrees (1.5708 rad)",
+        lambda x: (x >= 0) & (x < np.pi / 2),
+    ),
+}
+
+
+def _si_unit(kind: str) -> str:
+    return {"length": "m", "pressure": "Pa", "force": "N", "angle": "rad", "mass": "kg", "number": ""}.get(
+        kind, DISPLAY[kind][0]
+    )
+
+
+def to_float_array(value: Any) -> Any:
+    """Numbers and arrays become float arrays; anything else is left for the check to name."""
+    if isinstance(value, jax.Array | np.ndarray | numbers.Real) and not isinstance(value, bool):
+        array = jnp.asarray(value)
+        return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(float)
+    return value
+
+
+def _rule_field(rule: str, kind: str, **kwargs: Any) -> Any:
+    return eqx.field(converter=to_float_array, metadata={"rule": rule, "kind": kind}, **kwargs)
+
+
+def positive(kind: str, **kwargs: Any) -> Any:
+    """A float leaf greater than zero, in SI."""
+    return _rule_field("positive", kind, **kwargs)
+
+
+def nonnegative(kind: str, **kwargs: Any) -> Any:
+    """A float leaf, zero or more, in SI."""
+    return _rule_field("nonnegative", kind, **kwargs)
+
+
+def finite(kind: str, **kwargs: Any) -> Any:
+    """A float leaf of either sign, in SI."""
+    return _rule_field("finite", kind, **kwargs)
+
+
+def right_angle(**kwargs: Any) -> Any:
+    """A float leaf in [0, pi/2)."""
+    return _rule_field("right_angle", "angle", **kwargs)
+
+
+def choice(*allowed: str, **kwargs: Any) -> Any:
+    """A static choice by name."""
+    return eqx.field(static=True, metadata={"allowed": allowed}, **kwargs)
+
+
+def part(*types: type, **kwargs: Any) -> Any:
+    """Another module (a shell in a scene, a material in a shell)."""
+    return eqx.field(metadata={"types": types}, **kwargs)
+
+
+def is_concrete(*values: Any) -> bool:
+    """True where the values are known numbers (not traced by jit, vmap or grad)."""
+    return all(isinstance(v, jax.Array) and not isinstance(v, jax.core.Tracer) for v in values)
+
+
+def require(name: str, value: Any, rule: str, kind: str) -> Any:
+    """`value` as a float array, or a ValueError that names the field, the value and the rule."""
+    words, test = RULES[rule]
+    unit = _si_unit(kind)
+    wanted = words + (f" in {unit}" if unit else "")
+    array = to_float_array(value)
+    if not isinstance(array, jax.Array):
+        raise ValueError(f"{name} is {value!r}; it must be {wanted}.")
+    if is_concrete(array):
+        seen = np.asarray(array)
+        if not np.all(test(seen)):
+            raise ValueError(f"{name} is {_first_bad(seen, test)}; it must be {wanted}.")
+    return array
+
+
+def _first_bad(values: np.ndarray, test: Any) -> str:
+    bad = np.atleast_1d(values)[~np.atleast_1d(test(values))]
+    return f"{bad.flat[0]:.6g}" + (f" (in an array of {values.size})" if values.size > 1 else "")
+
+
+class Checked(eqx.Module):
+    """A module whose fields are checked by the rule they declare."""
+
+    def __check_init__(self) -> None:
+        owner = type(self).__name__
+        for field in dataclasses.fields(self):
+            meta, value = field.metadata, getattr(self, field.name)
+            where = f"{owner}.{field.name}"
+            if "rule" in meta:
+                # Placeholders that JAX puts into trees while it rebuilds them carry no numbers to check.
+                if value is None or type(value) is object:
+                    continue
+                require(where, value, meta["rule"], meta["kind"])
+            elif meta.get("friction") and not callable(value):
+                require(where, value, "positive", "number")
+            elif "allowed" in meta and value not in meta["allowed"]:
+                raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+            elif "types" in meta and not isinstance(value, meta["types"]):
+                names = " or ".join(t.__name__ for t in meta["types"])
+                raise ValueError(f"{where} is {value!r}; it must be a {names}.")
+
+
+def admissible(tree: Any) -> Bool[Array, ""]:
+    """True where every field of every checked module in `tree` keeps its rule (for use inside jit)."""
+    good = jnp.asarray(True)
+    nodes = jax.tree.leaves(tree, is_leaf=lambda node: isinstance(node, Checked))
+    for node in nodes:
+        if not isinstance(node, Checked):
+            continue
+        for field in dataclasses.fields(node):
+            value = getattr(node, field.name)
+            if "rule" in field.metadata:
+                good &= jnp.all(RULES[field.metadata["rule"]][1](value))
+            elif field.metadata.get("friction") and not callable(value):
+                good &= jnp.all(RULES["positive"][1](value))
+            elif isinstance(value, eqx.Module):
+                good &= admissible(value)
+    return good

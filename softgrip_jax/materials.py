@@ -1,0 +1,157 @@
+"""Strain energies of incompressible hyperelastic materials.
+
+A material is its strain energy density W(lambda_1, lambda_2, lambda_3) per undeformed volume, J/m^3, with
+lambda_1 lambda_2 lambda_3 = 1. Every stress and tension elsewhere is a derivative of it; nothing is written twice.
+"""
+
+from __future__ import annotations
+
+import abc
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .checked import Checked, finite, positive
+from .units import kPa
+
+Scalar = Float[Array, ""]
+
+
+class Material(Checked):
+    """A strain energy. A new one needs `energy` and `shear_modulus`."""
+
+    @abc.abstractmethod
+    def energy(self, l1: Scalar, l2: Scalar, l3: Scalar) -> Scalar:
+        """W at the principal stretches, J/m^3; zero in the undeformed state."""
+
+    @abc.abstractmethod
+    def shear_modulus(self) -> Scalar:
+        """mu of the undeformed material, Pa: the scale of every stress."""
+
+    def stretchable(self, l1: Scalar, l2: Scalar) -> Scalar:
+        """A pure number that is positive where the energy exists (1 for materials without a largest stretch)."""
+        return jnp.ones_like(l1)
+
+    def is_stable_at_rest(self) -> Bool[Array, ""]:
+        """True where the undeformed material resists every small shear."""
+        return self.shear_modulus() > 0
+
+
+def nominal_stresses(material: Material, l1: Scalar, l2: Scalar) -> tuple[Scalar, Scalar]:
+    """Engineering stresses (dw/dlambda_1, dw/dlambda_2), Pa, of a sheet with a free surface.
+
+    w(lambda_1, lambda_2) = W(lambda_1, lambda_2, 1/(lambda_1 lambda_2)): incompressibility and plane stress are in w,
+    so its derivatives are the forces per undeformed area along 1 and 2.
+    """
+    return jax.grad(lambda a, b: material.energy(a, b, 1 / (a * b)), argnums=(0, 1))(l1, l2)
+
+
+def _invariants(l1, l2, l3):
+    """I_1 - 3 and I_2 - 3 of (2.3)."""
+    a, b, c = l1 * l1, l2 * l2, l3 * l3
+    return a + b + c - 3, 1 / a + 1 / b + 1 / c - 3
+
+
+class NeoHookean(Material):
+    """W = mu/2 (I_1 - 3), thesis (2.5); Treloar 1943. mu: shear modulus, Pa."""
+
+    mu: Scalar = positive("pressure")
+
+    def energy(self, l1, l2, l3):
+        return 0.5 * self.mu * _invariants(l1, l2, l3)[0]
+
+    def shear_modulus(self):
+        return self.mu
+
+
+class MooneyRivlin(Material):
+    """W = C_1 (I_1 - 3) + C_2 (I_2 - 3); Mooney 1940. C_1 > 0 and C_2 of either sign, Pa; mu = 2 (C_1 + C_2)."""
+
+    c1: Scalar = positive("pressure")
+    c2: Scalar = finite("pressure")
+
+    def energy(self, l1, l2, l3):
+        i1, i2 = _invariants(l1, l2, l3)
+        return self.c1 * i1 + self.c2 * i2
+
+    def shear_modulus(self):
+        return 2 * (self.c1 + self.c2)
+
+
+class Yeoh(Material):
+    """W = C_1 (I_1 - 3) + C_2 (I_1 - 3)^2 + C_3 (I_1 - 3)^3; Yeoh 1993. C_1 > 0, Pa; mu = 2 C_1."""
+
+    c1: Scalar = positive("pressure")
+    c2: Scalar = finite("pressure", default=0.0)
+    c3: Scalar = finite("pressure", default=0.0)
+
+    def energy(self, l1, l2, l3):
+        i1, _ = _invariants(l1, l2, l3)
+        return i1 * (self.c1 + i1 * (self.c2 + i1 * self.c3))
+
+    def shear_modulus(self):
+        return 2 * self.c1
+
+
+class Gent(Material):
+    """W = -mu J_m / 2 ln(1 - (I_1 - 3) / J_m); Gent 1996. mu: Pa; J_m: the largest I_1 - 3, a pure number."""
+
+    mu: Scalar = positive("pressure")
+    j_m: Scalar = positive("number")
+
+    def energy(self, l1, l2, l3):
+        i1, _ = _invariants(l1, l2, l3)
+        return -0.5 * self.mu * self.j_m * jnp.log1p(-i1 / self.j_m)
+
+    def shear_modulus(self):
+        return self.mu
+
+    def stretchable(self, l1, l2):
+        return 1 - _invariants(l1, l2, 1 / (l1 * l2))[0] / self.j_m
+
+
+class Ogden(Material):
+    """W = sum_i mu_i / alpha_i (lambda_1^alpha_i + lambda_2^alpha_i + lambda_3^alpha_i - 3); Ogden 1972.
+
+    mu: shape (n,), Pa; alpha: shape (n,), pure numbers, not zero; the shear modulus sum_i mu_i alpha_i / 2 is positive.
+    """
+
+    mu: Float[Array, " n"] = finite("pressure")
+    alpha: Float[Array, " n"] = finite("number")
+
+    def __check_init__(self) -> None:
+        if jnp.ndim(self.mu) != 1 or jnp.shape(self.mu) != jnp.shape(self.alpha):
+            raise ValueError(
+                f"Ogden.mu and Ogden.alpha have shapes {jnp.shape(self.mu)} and {jnp.shape(self.alpha)}; "
+                "they must be two lists of the same length."
+            )
+
+    def energy(self, l1, l2, l3):
+        powers = jnp.exp(self.alpha * jnp.log(jnp.stack([l1, l2, l3]))[:, None])
+        return jnp.sum(self.mu / self.alpha * (jnp.sum(powers, axis=0) - 3))
+
+    def shear_modulus(self):
+        return 0.5 * jnp.sum(self.mu * self.alpha)
+
+
+def dragon_skin_20() -> NeoHookean:
+    """Dragon Skin 20 silicone, neo-Hookean: mu = 136 kPa from a linear fit of tension tests (thesis table 5.1)."""
+    return NeoHookean(mu=136 * kPa)
+
+
+def dragon_skin_30() -> NeoHookean:
+    """Dragon Skin 30 silicone, neo-Hookean: mu = 198 kPa from a linear fit of tension tests (thesis table 5.1)."""
+    return NeoHookean(mu=198 * kPa)
+
+
+def dragon_skin_20_shell() -> NeoHookean:
+    """Dragon Skin 20 in the flat shell: mu = 175 kPa, tuned to its measured free inflation (thesis section 6.2)."""
+    return NeoHookean(mu=175 * kPa)
+
+
+PRESETS = {
+    "dragon_skin_20": dragon_skin_20,
+    "dragon_skin_30": dragon_skin_30,
+    "dragon_skin_20_shell": dragon_skin_20_shell,
+}

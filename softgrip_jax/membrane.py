@@ -1,0 +1,132 @@
+"""A thin membrane that forms circular arcs: tensions from the energy, equilibrium, arcs, and the inclined wall.
+
+Notation: a, b half width and half length, t_m thickness, theta the arc (clamp) angle, lambda stretches, p pressure.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .materials import Material, nominal_stresses
+
+Scalar = Float[Array, ""]
+
+SERIES_ANGLE = 1e-2
+"""Below this angle the series of x/sin(x) through x^6 is exact to the last bit (next term 4e-19)."""
+
+
+def angle_over_sine(x: Scalar) -> Scalar:
+    """x / sin x, regular at zero in value and every derivative."""
+    small = jnp.abs(x) < SERIES_ANGLE
+    safe = jnp.where(small, 1.0, x)
+    x2 = x * x
+    series = 1 + x2 * (1 / 6 + x2 * (7 / 360 + x2 * (31 / 15120)))
+    return jnp.where(small, series, safe / jnp.sin(safe))
+
+
+def tensions(material: Material, t_m: Scalar, l1: Scalar, l2: Scalar) -> tuple[Scalar, Scalar]:
+    """Line tensions T_1, T_2 (N/m, force per deformed length): T_1 = t_m (dw/dlambda_1) / lambda_2, and likewise T_2.
+
+    Equal to thesis (2.2), with w(lambda_1, lambda_2) the energy of an incompressible sheet.
+    """
+    s1, s2 = nominal_stresses(material, l1, l2)
+    return t_m * s1 / l2, t_m * s2 / l1
+
+
+def equilibrium_pressure(material: Material, t_m: Scalar, l1: Scalar, l2: Scalar, k1: Scalar, k2: Scalar) -> Scalar:
+    """p = kappa_1 T_1 + kappa_2 T_2, thesis (2.4)."""
+    t1, t2 = tensions(material, t_m, l1, l2)
+    return k1 * t1 + k2 * t2
+
+
+def length_stretch(l1: Scalar, a: Scalar, b: Scalar) -> Scalar:
+    """lambda_2 when width and length grow by the same amount, thesis (3.1)."""
+    return 1 + a / b * (l1 - 1)
+
+
+def flat_contact_stretch(theta: Scalar, distance_over_a: Scalar) -> Scalar:
+    """lambda_1 of an arc-flat-arc profile that touches a plane at distance d, thesis (3.11)."""
+    half = 0.5 * theta
+    return 1 + distance_over_a * (half / jnp.sin(half) ** 2 - 1 / jnp.tan(half))
+
+
+class InclinedWall(NamedTuple):
+    """A square-like membrane in contact with an inclined plane, at exterior clamp angle theta_m2 (thesis 4.3.3)."""
+
+    pressure: Scalar
+    stretch: Scalar
+    radius: Scalar
+    theta_m1: Scalar
+    c_1: Scalar
+    c_2: Scalar
+    c_z: Scalar
+    rho: Scalar
+    """rho*: undeformed place of first contact, measured from the middle of the wall."""
+
+    @property
+    def contact_width(self) -> Scalar:
+        """c_y = c_1 + c_2, thesis (4.33): along the incline."""
+        return self.c_1 + self.c_2
+
+    @property
+    def contact_area(self) -> Scalar:
+        """A_c = pi/4 c_y c_z, thesis (4.35)."""
+        return jnp.pi / 4 * self.contact_width * self.c_z
+
+
+def first_contact_angle(d_over_a: Scalar, incline: Scalar) -> Scalar:
+    """theta_i: clamp angle of the free arc that just touches a plane at distance d, inclined by theta_s.
+
+    (4.18), d/a = csc(theta_i) - cos(theta_s) cot(theta_i) - sin(theta_s), is a quadratic in tan(theta_i / 2).
+    """
+    s, c = jnp.sin(incline), jnp.cos(incline)
+    return 2 * jnp.arctan((d_over_a + s + jnp.sqrt(d_over_a * (d_over_a + 2 * s))) / (1 + c))
+
+
+def inclined_wall(
+    theta_m2: Scalar, a: Scalar, b: Scalar, t_m: Scalar, material: Material, d: Scalar, incline: Scalar
+) -> InclinedWall:
+    """The wall at theta_m2, every quantity explicit: (4.19), (4.26)-(4.34), with (4.30) for any strain energy.
+
+    d: distance of the plane along the interior edge, m, > 0; incline: theta_s, rad, >= 0 (0 is the parallel plane,
+    where theta_m1 = theta_m2 and c_1 = c_2). The wall is stretched equally both ways (square assumption); b enters
+    by the stretch mapping (4.34) alone.
+    """
+    half = 0.5 * theta_m2
+    s, c = jnp.sin(incline), jnp.cos(incline)
+    depth = d + 2 * a * s
+    rho = a * incline / first_contact_angle(d / a, incline)  # (4.19)
+    radius = depth / (2 * jnp.sin(half) ** 2)  # (4.27)
+    c_2 = (a + rho) * c - depth / jnp.tan(half)  # (4.26)
+    stretch = c + depth / (2 * (a + rho)) * (theta_m2 / jnp.sin(half) ** 2 - 2 / jnp.tan(half))  # (4.28)
+    theta_m1 = 2 * jnp.arcsin(jnp.sqrt(d / (2 * radius)))  # (4.31), regular where d << R
+    c_1 = 2 * a * stretch - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
+    c_z = (c_1 + c_2) * b * (a - rho) / a**2  # (4.34)
+    tension, _ = tensions(material, t_m, stretch, stretch)
+    return InclinedWall(2 * tension / radius, stretch, radius, theta_m1, c_1, c_2, c_z, rho)  # p: (4.7), (4.30)
+
+
+def arc_chain(
+    lengths: Float[Array, " k"], curvatures: Float[Array, " k"], heading: Scalar, n: int
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """n points, evenly spaced by arc length, on a smooth chain of circular arcs that starts at the origin.
+
+    lengths: m, of each arc; curvatures: 1/m, positive to the left, 0 for straight; heading: rad, at the start.
+    """
+    turns = lengths * curvatures
+    headings = heading + jnp.concatenate([jnp.zeros(1, turns.dtype), jnp.cumsum(turns)[:-1]])
+
+    def advance(s, curvature, heading):
+        chord = s * jnp.sinc(0.5 * curvature * s / jnp.pi)
+        middle = heading + 0.5 * curvature * s
+        return chord * jnp.cos(middle), chord * jnp.sin(middle)
+
+    dx, dy = advance(lengths, curvatures, headings)
+    x0, y0, s0 = (jnp.concatenate([jnp.zeros(1, v.dtype), jnp.cumsum(v)]) for v in (dx, dy, lengths))
+    s = jnp.linspace(0.0, 1.0, n, dtype=lengths.dtype) * s0[-1]
+    k = jnp.clip(jnp.searchsorted(s0[1:], s, side="left"), 0, lengths.shape[0] - 1)
+    dx, dy = advance(s - s0[k], curvatures[k], headings[k])
+    return x0[k] + dx, y0[k] + dy

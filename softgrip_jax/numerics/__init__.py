@@ -1,0 +1,1 @@
+"""Numerics that know no gripper: functions in, numbers out."""

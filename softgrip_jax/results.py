@@ -1,0 +1,119 @@
+"""What comes back: a status for every lane, and a Solution with its observables in SI."""
+
+from __future__ import annotations
+
+import enum
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, PyTree
+
+from .units import DISPLAY
+
+if TYPE_CHECKING:
+    from .scene import Scene
+
+
+class Status(enum.IntEnum):
+    """Why a lane is as it is. Failure is a result: nothing is raised for a scene without equilibrium."""
+
+    OK = 0
+    NO_CONTACT = 1
+    BEYOND_LIMIT = 2
+    IMPOSSIBLE = 3
+    NOT_CONVERGED = 4
+
+    @property
+    def message(self) -> str:
+        """One sentence for people."""
+        return _MESSAGES[self]
+
+
+_MESSAGES = {
+    Status.OK: "solved",
+    Status.NO_CONTACT: "the pressure is too low: nothing is touched yet, and the force is exactly zero",
+    Status.BEYOND_LIMIT: "no equilibrium: the load is beyond the limit point or the end of the model",
+    Status.IMPOSSIBLE: "the scene cannot exist: a dimension breaks its rule, or the parts do not fit together",
+    Status.NOT_CONVERGED: "the solver stopped before the residual was small; the values are withheld",
+}
+
+
+class Solution(eqx.Module):
+    """The state of one scene at one pressure (or of a batch, when solved under vmap).
+
+    Observables are attributes (``sol.force``), in SI. Lanes that are not OK hold NaN (NO_CONTACT: zeros) and pass
+    zero gradient.
+    """
+
+    scene: Scene
+    pressure: Float[Array, "*batch"]
+    """Pa."""
+    status: Int[Array, "*batch"]
+    residual: Float[Array, "*batch"]
+    """Scaled residual norm of the equations that were solved."""
+    iterations: Int[Array, "*batch"]
+    unknowns: PyTree
+    """What the equations were solved for, in the scene's own order."""
+    observables: dict[str, Array]
+
+    _REPORT_WIDTH: ClassVar[int] = 22
+
+    def __getattr__(self, name: str) -> Any:
+        observables = self.__dict__.get("observables")
+        if observables is not None and name in observables:
+            return observables[name]
+        known = ", ".join(sorted(observables)) if observables else "none"
+        raise AttributeError(f"{name!r} is not an observable of this solution; it has: {known}")
+
+    def shape(self, n: int = 101) -> dict[str, Array]:
+        """The deformed shape at n points, as arrays by name (see the scene's ``profile``)."""
+
+        def one(scene, unknowns, pressure):
+            return scene.profile(unknowns, pressure, n)
+
+        for _ in range(self.status.ndim):
+            one = jax.vmap(one)
+        return one(self.scene, self.unknowns, self.pressure)
+
+    def __str__(self) -> str:
+        if self.status.ndim:
+            values, counts = np.unique(np.asarray(self.status), return_counts=True)
+            kinds = ", ".join(f"{count} {Status(int(v)).name}" for v, count in zip(values, counts, strict=True))
+            return f"{type(self.scene).__name__}: a batch of shape {self.status.shape} ({kinds})"
+        return "\n".join([type(self.scene).__name__, *(f"  {name:<24}{text}" for name, text in self.rows())])
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, value with unit) of everything a person would want to read, for one scene."""
+        status = Status(int(self.status))
+        rows = [
+            ("status", status.name + ("" if status is Status.OK else f": {status.message}")),
+            ("pressure", in_units(self.pressure, "pressure")),
+        ]
+        for name, kind in self.scene.OBSERVABLES.items():
+            rows.append((name.replace("_", " "), in_units(self.observables[name], kind)))
+        rows.append(("scaled residual", f"{float(self.residual):.1e}, {int(self.iterations)} iterations"))
+        return rows
+
+
+def in_units(value: Any, kind: str) -> str:
+    """A value in SI as people read it: '13.41 mm', '(1.2, 3.4) mm'."""
+    label, unit = DISPLAY[kind]
+    numbers = np.asarray(value) / unit
+    text = f"{numbers:.5g}" if numbers.ndim == 0 else "(" + ", ".join(f"{v:.5g}" for v in numbers) + ")"
+    return f"{text} {label}".strip()
+
+
+def gate(ok: Array, tree: PyTree) -> PyTree:
+    """The same values, but a lane that is not ok passes no derivative, forward or reverse, whatever happens inside."""
+    return jax.tree.map(lambda x: jnp.where(ok, x, jax.lax.stop_gradient(x)), tree)
+
+
+def mask(status: Array, observables: dict[str, Array]) -> dict[str, Array]:
+    """Observables as they are reported: zeros where nothing is touched, NaN where there is no answer."""
+    withheld = jnp.where(status == Status.NO_CONTACT, 0.0, jnp.nan)
+    return {
+        name: jnp.where(status == Status.OK, value, withheld.astype(value.dtype)) for name, value in observables.items()
+    }

@@ -1,0 +1,110 @@
+"""The flat shell actuator: a clamped rectangular membrane over a rigid shell, and what all its scenes share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from ..checked import Checked, is_concrete, part, positive
+from ..materials import Material
+from ..membrane import equilibrium_pressure
+from ..numerics.roots import bracketed_root
+from ..scene import CurveScene
+
+Scalar = Float[Array, ""]
+
+
+class FlatShell(Checked):
+    """A membrane 2a x 2b x t_m, clamped on its edges, on a rigid shell (thesis 3.1).
+
+    Args:
+        a: half width (the smaller side), m.
+        b: half length, m, at least a.
+        t_m: membrane thickness, m.
+        material: strain energy of the membrane.
+    """
+
+    a: Scalar = positive("length")
+    b: Scalar = positive("length")
+    t_m: Scalar = positive("length")
+    material: Material = part(Material)
+
+    def __check_init__(self) -> None:
+        if is_concrete(self.a, self.b) and not jnp.all(self.b >= self.a):
+            raise ValueError(
+                f"FlatShell.b is {float(jnp.min(self.b)):.6g}; it must be at least a ({float(jnp.max(self.a)):.6g} m): "
+                "a is half of the smaller side."
+            )
+
+    def pressure_scale(self) -> Scalar:
+        """mu t_m / a, Pa."""
+        return self.material.shear_modulus() * self.t_m / self.a
+
+
+class ShellScene(CurveScene):
+    """A state of the shell on a curve of angles; subclasses give `stretches` and `curvatures` of the membrane."""
+
+    shell: FlatShell = part(FlatShell)
+
+    ENDLESS: ClassVar[bool] = False
+    """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""
+
+    def geometry(self) -> tuple[Scalar, Scalar]:
+        """The angles where the state begins and where its geometry ends."""
+        raise NotImplementedError
+
+    def stretches(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """lambda_1 (width) and lambda_2 (length)."""
+        raise NotImplementedError
+
+    def curvatures(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """kappa_1 (width) and kappa_2 (length), 1/m."""
+        raise NotImplementedError
+
+    def load(self, angle):
+        shell = self.shell
+        return equilibrium_pressure(shell.material, shell.t_m, *self.stretches(angle), *self.curvatures(angle))
+
+    def pressure_scale(self):
+        return self.shell.pressure_scale()
+
+    def interval(self):
+        start, end = self.geometry()
+        if not has_largest_stretch(self.shell.material):
+            return start, end
+        return start, locking_angle(self.stretchable, start, end)
+
+    def stretchable(self, angle: Scalar) -> Scalar:
+        """Positive where the material can follow the stretch."""
+        return self.shell.material.stretchable(*self.stretches(angle))
+
+    def unbounded(self) -> Bool[Array, ""]:
+        if not has_largest_stretch(self.shell.material):
+            return jnp.asarray(self.ENDLESS)
+        return self.ENDLESS | (self.stretchable(self.geometry()[1]) <= 0)
+
+    def is_possible(self):
+        possible = self.shell.b >= self.shell.a
+        if has_largest_stretch(self.shell.material):
+            possible &= self.stretchable(self.geometry()[0]) > 0
+        return possible
+
+
+def has_largest_stretch(material: Material) -> bool:
+    """True for energies that lock at a finite stretch (Gent)."""
+    return type(material).stretchable is not Material.stretchable
+
+
+LOCKING_MARGIN = 1e-9
+"""The interval of a locking material ends this part of its length before the lock, where the tension is infinite."""
+
+
+def locking_angle(stretchable: Callable[[Scalar], Scalar], start: Scalar, end: Scalar) -> Scalar:
+    """The last angle in [start, end] that the material can reach; no derivatives (the pressure there is infinite)."""
+    start, end = lax.stop_gradient((start, end))
+    lock = bracketed_root(lambda angle: lax.stop_gradient(stretchable(angle)), start, end).x
+    return jnp.where(stretchable(end) > 0, end, start + (1 - LOCKING_MARGIN) * (lock - start))

@@ -1,0 +1,91 @@
+"""Free inflation of the shell: the finite-strain arc model, and the infinitesimal plate law as the cheap rung."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from ..membrane import angle_over_sine, arc_chain, length_stretch
+from .flat_shell import ShellScene
+
+FREE_END = jnp.pi * (1 - 1e-9)
+"""A free arc closes to a full circle (infinite radius and stretch) at pi: the interval ends just before."""
+
+
+class Free(ShellScene):
+    """The membrane inflates into free space (thesis 3.2). The angle is theta_m.
+
+    kappa_1 = sin(theta)/a (3.4), kappa_2 = theta / (R theta + b - a) (3.3), lambda_1 = theta / sin(theta) (3.5),
+    lambda_2 from (3.1), p from (3.7), inflation delta = a tan(theta/2) (3.6).
+    """
+
+    OBSERVABLES = {
+        "inflation": "length",
+        "stretch": "number",
+        "length_stretch": "number",
+        "clamp_angle": "angle",
+    }
+    CONTACT = False
+    ENDLESS = True
+
+    def geometry(self):
+        zero = jnp.zeros_like(self.shell.a)
+        return zero, zero + FREE_END
+
+    def stretches(self, angle):
+        l1 = angle_over_sine(angle)
+        return l1, length_stretch(l1, self.shell.a, self.shell.b)
+
+    def curvatures(self, angle):
+        a, b = self.shell.a, self.shell.b
+        return jnp.sin(angle) / a, angle / (a * angle_over_sine(angle) + b - a)
+
+    def observe(self, angle, pressure):
+        l1, l2 = self.stretches(angle)
+        return {
+            "inflation": self.shell.a * jnp.tan(0.5 * angle),
+            "stretch": l1,
+            "length_stretch": l2,
+            "clamp_angle": angle,
+        }
+
+    def profile(self, angle, pressure, n):
+        """x, z across the width at the middle, y, z_length along the length (the ends are spherical), m."""
+        a, b = self.shell.a, self.shell.b
+        arc = a * angle_over_sine(angle)
+        curvature = -jnp.sin(angle) / a
+        return two_sections(
+            (-a, jnp.stack([2 * arc]), jnp.stack([curvature])),
+            (-b, jnp.stack([arc, 2 * (b - a), arc]), jnp.stack([curvature, jnp.zeros_like(a), curvature])),
+            angle,
+            n,
+        )
+
+
+def two_sections(width, length, heading, n):
+    """Profiles across the width and along the length, each (start, arc lengths, curvatures), clamped at z = 0."""
+    x, z = arc_chain(width[1], width[2], heading, n)
+    y, z_length = arc_chain(length[1], length[2], heading, n)
+    return {"x": x + width[0], "z": z, "y": y + length[0], "z_length": z_length}
+
+
+class Plate(Free):
+    """The small-deflection membrane law (2.1), p = C E t_m delta^3 / a^4: the cheap rung of Free.
+
+    E = 3 mu (incompressible, nu = 1/2); C(a/b) from `plate_coefficient`. No limit point. Holds for delta << a.
+    """
+
+    OBSERVABLES = {"inflation": "length"}
+
+    def load(self, angle):
+        shell = self.shell
+        stiffness = 3 * shell.material.shear_modulus() * plate_coefficient(shell.a / shell.b)
+        return stiffness * shell.t_m * jnp.tan(0.5 * angle) ** 3 / shell.a
+
+    def interval(self):
+        return self.geometry()
+
+    def unbounded(self):
+        return jnp.asarray(True)
+
+    def observe(self, angle, pressure):
+        return {"inflation": self.shell.a * jnp.tan(0.5 * angle)}

@@ -1,0 +1,129 @@
+"""Grasping a cylinder with a parallel gripper of flat shells: lifting, and tilting under an eccentric mass."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from ..checked import choice, nonnegative
+from ..numerics.roots import bracketed_root, implicit
+from ..objects import friction, friction_coefficient, friction_force
+from ..units import GRAVITY
+from .cylinder import CylinderContact
+from .flat_shell import FlatShell, Scalar
+
+QUADRATURE_POINTS = 32
+"""Gauss points on a quarter of the contact ellipse: exact to 1e-12 for axis ratios from 0.1 to 10."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
+_PHI, _DPHI = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
+
+
+def tilt_moment(c_a: Scalar, c_b: Scalar, shear: Scalar, lever: str = "exact") -> Scalar:
+    """T_R: moment about its centre of a uniform shear traction (Pa) on an ellipse of half axes c_a, c_b (m), N m.
+
+    "exact": the lever arm is the distance of each point, T_R = shear * integral of r dA
+             = shear (4/3) c_a c_b int_0^{pi/2} sqrt(c_a^2 cos^2 + c_b^2 sin^2) dphi   (2 pi c^3 / 3 for a circle).
+    "rim":   the thesis's (3.40), lever arm taken at the rim at the same y: too large (pi c^3 for a circle).
+    """
+    rim = jnp.sqrt((c_a * np.cos(_PHI)) ** 2 + (c_b * np.sin(_PHI)) ** 2)
+    if lever == "exact":
+        integral = jnp.sum(rim * _DPHI) / 3
+    else:
+        integral = jnp.sum(rim * np.cos(_PHI) ** 2 * _DPHI)
+    return 4 * shear * c_a * c_b * integral
+
+
+class Grasp(CylinderContact):
+    """A cylinder held by `fingers` shells at the least height h, where e_2 = 0 (thesis 3.4.4, algorithm 4).
+
+    Args:
+        shell, radius, gap: as in CylinderContact.
+        mass: of the cylinder, kg; 0 where only the state at a pressure or a force is asked for.
+        friction: mu_f, a number, or a function of the normal force (N).
+        eccentricity: x_e, m: distance of the centre of mass from the middle of the contact, across the width.
+        lever: "exact", or "rim" for the thesis's formula (3.40).
+        fingers: shells that share the weight (2 in a parallel gripper).
+
+    required_force is F_ext of (6.2), mu_f F_ext = m g / fingers. tilt_resistance is T_R of (3.36), to be compared
+    with m g x_e (3.41). security is the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e): 1 is just held.
+    """
+
+    mass: Scalar = nonnegative("mass", default=0.0)
+    friction: Scalar = friction(default=1.0)
+    eccentricity: Scalar = nonnegative("length", default=0.0)
+    lever: str = choice("exact", "rim", default="exact")
+    fingers: int = eqx.field(static=True, default=2)
+
+    OBSERVABLES = CylinderContact.OBSERVABLES | {
+        "height": "length",
+        "required_force": "force",
+        "tilt_resistance": "moment",
+        "security": "number",
+    }
+
+    def __check_init__(self) -> None:
+        if not isinstance(self.fingers, int) or self.fingers < 1:
+            raise ValueError(f"Grasp.fingers is {self.fingers!r}; it must be a whole number, 1 or more.")
+
+    def share(self) -> Scalar:
+        """The weight that one finger holds, N."""
+        return self.mass * GRAVITY / self.fingers
+
+    def flat_lengths(self, state):
+        return 2 * state.flat, jnp.zeros_like(state.flat)
+
+    def target(self):
+        if isinstance(self.mass, jnp.ndarray) and not _is_traced(self.mass) and not np.all(np.asarray(self.mass) > 0):
+            raise ValueError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
+        return "security", jnp.ones_like(self.mass)
+
+    def observe(self, angle, pressure):
+        observed = super().observe(angle, pressure)
+        c_a, c_b = observed["contact_half_width"], observed["contact_half_length"]
+        force = observed["force"]
+        shear = friction_coefficient(self.friction, force) * pressure
+        resistance = tilt_moment(c_a, c_b, shear, self.lever)
+        lift = _ratio(friction_force(self.friction, force), self.share())
+        tilt = _ratio(resistance, self.mass * GRAVITY * self.eccentricity)
+        return observed | {
+            "height": self.shell.b - observed["flat_length"],
+            "required_force": self.required_force(),
+            "tilt_resistance": resistance,
+            "security": jnp.minimum(lift, tilt),
+        }
+
+    def required_force(self) -> Scalar:
+        """F_ext (N): the normal force whose friction carries one finger's share of the weight, thesis (6.2)."""
+        share = self.share()
+        if not callable(self.friction):
+            return share / self.friction
+
+        def short(log_force, args):
+            friction, share = args
+            return jnp.log(friction_force(friction, jnp.exp(log_force))) - jnp.log(jnp.where(share > 0, share, 1.0))
+
+        frozen = lax.stop_gradient((self.friction, share))
+        middle = jnp.log(jnp.where(frozen[1] > 0, frozen[1], 1.0))
+        # Coefficients of friction from 1e-4 to 1e4 cover every material pair.
+        width = jnp.log(1e4)
+        root = bracketed_root(lambda x: short(x, frozen), middle - width, middle + width).x
+        return jnp.where(share > 0, jnp.exp(implicit(short, root, (self.friction, share))), 0.0)
+
+
+def _ratio(value: Scalar, need: Scalar) -> Scalar:
+    """value / need, and inf where nothing is needed."""
+    return jnp.where(need > 0, value / jnp.where(need > 0, need, 1.0), jnp.inf)
+
+
+def _is_traced(value) -> bool:
+    import jax
+
+    return isinstance(value, jax.core.Tracer)
+
+
+def smallest_object(shell: FlatShell) -> Scalar:
+    """The least height of an object that the shell can hold, m: a, the reach of its spherical ends (thesis 3.4.4)."""
+    return shell.a

@@ -1,0 +1,41 @@
+"""Units as plain floats: multiply to enter SI, divide to leave it.
+
+>>> from softgrip_jax.units import mm, kPa
+>>> 16 * mm, 175 * kPa
+(0.016, 175000.0)
+
+Everything inside the package is SI (metre, newton, pascal, radian, kilogram).
+"""
+
+import math
+
+mm = 1e-3
+cm = 1e-2
+m = 1.0
+Pa = 1.0
+kPa = 1e3
+MPa = 1e6
+N = 1.0
+mN = 1e-3
+N_mm = 1e-3
+gram = 1e-3
+kg = 1.0
+degree = math.pi / 180
+rad = 1.0
+
+GRAVITY = 9.81
+"""Standard acceleration used throughout the thesis, m/s^2."""
+
+DISPLAY = {
+    "length": ("mm", mm),
+    "area": ("mm^2", mm * mm),
+    "force": ("N", N),
+    "force_per_length": ("N/m", 1.0),
+    "pressure": ("kPa", kPa),
+    "moment": ("N mm", N_mm),
+    "angle": ("deg", degree),
+    "mass": ("g", gram),
+    "number": ("", 1.0),
+}
+"""What people read: kind of quantity -> (label, value of that unit in SI).
+Config keys, tables and axis labels take their unit from here."""
