@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from ..membrane import angle_over_sine, arc_chain, length_stretch
+from ..membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
 from .flat_shell import ShellScene
 
 FREE_END = jnp.pi * (1 - 1e-9)
