@@ -1,29 +1,22 @@
 """softgrip_jax: differentiable models of pneumatic soft grippers, and design by gradient.
 
-Importing this package switches JAX to float64 (``jax_enable_x64``), the one global setting that it changes.
+Importing this package switches JAX to float64, the one global setting that it changes: through JAX's own switch where
+JAX is already imported, otherwise through the environment variable JAX_ENABLE_X64, which JAX reads when it is.
+
+What the package offers is listed in `__init__.pyi` and imported on first use, so that `softgrip --help` answers at
+once.
 """
 
-import jax
+import os
+import sys
 
-jax.config.update("jax_enable_x64", True)
+import lazy_loader
 
-from . import materials as materials  # noqa: E402
-from . import objects as objects  # noqa: E402
-from . import shell as shell  # noqa: E402
-from . import units as units  # noqa: E402
-from .materials import Gent as Gent  # noqa: E402
-from .materials import MooneyRivlin as MooneyRivlin  # noqa: E402
-from .materials import NeoHookean as NeoHookean  # noqa: E402
-from .materials import Ogden as Ogden  # noqa: E402
-from .materials import Yeoh as Yeoh  # noqa: E402
-from .results import Solution as Solution  # noqa: E402
-from .results import Status as Status  # noqa: E402
-from .scene import Scene as Scene  # noqa: E402
-from .scene import branch as branch  # noqa: E402
-from .scene import limit_pressure as limit_pressure  # noqa: E402
-from .scene import path as path  # noqa: E402
-from .scene import pressure_for as pressure_for  # noqa: E402
-from .scene import solve as solve  # noqa: E402
-from .shell.flat_shell import FlatShell as FlatShell  # noqa: E402
+from ._version import __version__ as __version__
 
-__version__ = "0.1.0"
+if "jax" in sys.modules:
+    sys.modules["jax"].config.update("jax_enable_x64", True)
+else:
+    os.environ["JAX_ENABLE_X64"] = "1"
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -24,10 +24,7 @@ RULES = {
     "positive": ("a positive finite number", lambda x: (x > 0) & (x < np.inf)),
     "nonnegative": ("a finite number, zero or more", lambda x: (x >= 0) & (x < np.inf)),
     "finite": ("a finite number", lambda x: (x > -np.inf) & (x < np.inf)),
-    "right_angle": (
-        "an angle from 0 up to, but not including, 90 degrees (1.5708 rad)",
-        lambda x: (x >= 0) & (x < np.pi / 2),
-    ),
+    "right_angle": ("an angle from zero to less than a right angle", lambda x: (x >= 0) & (x < np.pi / 2)),
 }
 
 
@@ -38,11 +35,18 @@ def _si_unit(kind: str) -> str:
 
 
 def to_float_array(value: Any) -> Any:
-    """Numbers and arrays become float arrays; anything else is left for the check to name."""
-    if isinstance(value, jax.Array | np.ndarray | numbers.Real) and not isinstance(value, bool):
+    """Numbers, arrays and lists of numbers become float arrays; anything else is left for the check to name."""
+    listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_number(v) for v in value)
+    if listed or _is_number(value):
         array = jnp.asarray(value)
         return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(float)
     return value
+
+
+def _is_number(value: Any) -> bool:
+    if isinstance(value, np.ndarray):
+        return np.issubdtype(value.dtype, np.number) and not np.iscomplexobj(value)
+    return isinstance(value, jax.Array | numbers.Real) and not isinstance(value, bool | np.bool)
 
 
 def _rule_field(rule: str, kind: str, **kwargs: Any) -> Any:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .checked import Checked, finite, positive
+from .checked import Checked, finite, is_concrete, positive
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -121,7 +121,7 @@ class Ogden(Material):
     alpha: Float[Array, " n"] = finite("number")
 
     def __check_init__(self) -> None:
-        if jnp.ndim(self.mu) != 1 or jnp.shape(self.mu) != jnp.shape(self.alpha):
+        if is_concrete(self.mu, self.alpha) and (self.mu.ndim != 1 or self.mu.shape != self.alpha.shape):
             raise ValueError(
                 f"Ogden.mu and Ogden.alpha have shapes {jnp.shape(self.mu)} and {jnp.shape(self.alpha)}; "
                 "they must be two lists of the same length."

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .checked import Checked, nonnegative, positive, to_float_array
+from .checked import Checked, is_concrete, nonnegative, positive, to_float_array
 
 Scalar = Float[Array, ""]
 
@@ -34,12 +34,14 @@ class FrictionTable(Friction):
 
     def __check_init__(self) -> None:
         force, coefficient = self.force, self.coefficient
-        if jnp.ndim(force) != 1 or jnp.shape(force) != jnp.shape(coefficient):
+        if not is_concrete(force, coefficient):
+            return
+        if force.ndim != 1 or force.shape != coefficient.shape:
             raise ValueError(
                 f"FrictionTable.force and .coefficient have shapes {jnp.shape(force)} and {jnp.shape(coefficient)}; "
                 "they must be two lists of the same length."
             )
-        if not isinstance(force, jax.core.Tracer) and not np.all(np.diff(np.asarray(force)) > 0):
+        if not np.all(np.diff(np.asarray(force)) > 0):
             raise ValueError(f"FrictionTable.force is {np.asarray(force).tolist()}; it must increase from row to row.")
 
     def __call__(self, force: Scalar) -> Scalar:
