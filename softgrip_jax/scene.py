@@ -152,11 +152,12 @@ class CurveScene(Scene):
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
         scene = gate(ok, self)
 
-        def stops(angle, scene):
+        def stops(angle, args):
+            scene, event = args
             quantities = events(scene.load, scene.margins)(angle)
             return quantities[jnp.maximum(event, 0)]
 
-        at_event = implicit(stops, found.unknowns, scene)
+        at_event = implicit(stops, found.unknowns, (scene, event))
         at_end = scene.interval()[1]
         pressure = scene.load(jnp.where(event < 0, at_end, at_event))
         return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
@@ -177,7 +178,7 @@ class CurveScene(Scene):
         status = jnp.where((limit.status == Status.IMPOSSIBLE) | ~jnp.isfinite(value), Status.IMPOSSIBLE, status)
         found = Found(angle, frozen.load(angle), status, iterations)
         scene, target = gate(status == Status.OK, (self, target))
-        angle = implicit(lambda x, args: (wanted(args[0], x) - args[1]) / scale, angle, (scene, target))
+        angle = implicit(lambda x, args: (wanted(args[0], x) - args[1]) / args[2], angle, (scene, target, scale))
         pressure = scene.load(angle)
         solution = scene._report(angle, pressure, found)
         no_answer = jnp.where(status == Status.NO_CONTACT, frozen.load(start), jnp.nan)

@@ -87,8 +87,9 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
 def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: Any) -> Float[Array, "*n"]:
     """`y`, which solves residual(y, args) = 0, with its derivative by `args`: dy = -(dr/dy)^-1 (dr/dargs) dargs.
 
-    `y` is a scalar or a vector and the residual has its shape; `args` is any pytree of float arrays. Where dr/dy is
+    `y` is a scalar or a vector and the residual has its shape; `args` is any pytree of arrays. Where dr/dy is
     singular (a limit point) the derivative does not exist; a scalar root is then given derivative zero.
+    `residual` must take every traced value that it uses through `args`: one that it closes over would outlive its trace.
     """
 
     @jax.custom_jvp
