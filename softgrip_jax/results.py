@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -67,6 +68,10 @@ class Solution(eqx.Module):
             return observables[name]
         known = ", ".join(sorted(observables)) if observables else "none"
         raise AttributeError(f"{name!r} is not an observable of this solution; it has: {known}")
+
+    def at_pressure(self, pressure: Array) -> Solution:
+        """The same solution, reported at another pressure."""
+        return dataclasses.replace(self, pressure=pressure)
 
     def shape(self, n: int = 101) -> dict[str, Array]:
         """The deformed shape at n points, as arrays by name (see the scene's ``profile``)."""

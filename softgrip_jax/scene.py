@@ -67,6 +67,10 @@ class Scene(Checked):
     def solve_for(self, name: str, target: Scalar) -> Solution:
         """The solution at the pressure that gives an observable its wanted value."""
 
+    @abc.abstractmethod
+    def branch(self, n: int) -> Solution:
+        """n points of the equilibrium curve, through its limit point."""
+
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
         raise ValueError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
@@ -81,7 +85,7 @@ class Scene(Checked):
 
     def _solution(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
-        found, pressure = _frozen(found), found.pressure
+        found, pressure = frozen(found), found.pressure
         ok = found.status == Status.OK
         scene, pressure = gate(ok, (self, pressure))
         unknowns = implicit(lambda y, args: args[0].residual(y, args[1]), found.unknowns, (scene, pressure))
@@ -163,37 +167,43 @@ class CurveScene(Scene):
         return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
 
     def solve_for(self, name, target):
-        frozen = _frozen(self)
+        fixed = frozen(self)
 
         def wanted(scene, angle):
             return scene.observe(angle, scene.load(angle))[name]
 
-        start, _ = frozen.interval()
-        limit = frozen.find_limit()
+        start, _ = fixed.interval()
+        limit = fixed.find_limit()
         value = lax.stop_gradient(target)
-        angle, iterations = crossing(lambda x: wanted(frozen, x), value, start, limit.unknowns)
-        low, high = wanted(frozen, start), wanted(frozen, limit.unknowns)
+        angle, iterations = crossing(lambda x: wanted(fixed, x), value, start, limit.unknowns)
+        low, high = wanted(fixed, start), wanted(fixed, limit.unknowns)
         scale = jnp.maximum(jnp.abs(value), 1e-6 * jnp.abs(high))
         status = jnp.where(value > high, Status.BEYOND_LIMIT, jnp.where(value <= low, Status.NO_CONTACT, Status.OK))
         status = jnp.where((limit.status == Status.IMPOSSIBLE) | ~jnp.isfinite(value), Status.IMPOSSIBLE, status)
-        found = Found(angle, frozen.load(angle), status, iterations)
+        found = Found(angle, fixed.load(angle), status, iterations)
         scene, target = gate(status == Status.OK, (self, target))
         angle = implicit(lambda x, args: (wanted(args[0], x) - args[1]) / args[2], angle, (scene, target, scale))
         pressure = scene.load(angle)
         solution = scene._report(angle, pressure, found)
-        no_answer = jnp.where(status == Status.NO_CONTACT, frozen.load(start), jnp.nan)
-        return Solution(
-            scene,
-            jnp.where(solution.status == Status.OK, pressure, no_answer),
-            solution.status,
-            solution.residual,
-            solution.iterations,
-            solution.unknowns,
-            solution.observables,
-        )
+        no_answer = jnp.where(status == Status.NO_CONTACT, fixed.load(start), jnp.nan)
+        return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
+
+    def branch(self, n):
+        start, end = self.interval()
+
+        def at(fraction):
+            angle = start + fraction * (end - start)
+            pressure = self.load(angle)
+            holds = jnp.all(self.margins(angle) >= 0) & jnp.isfinite(pressure)
+            status = jnp.where(holds, Status.OK, Status.BEYOND_LIMIT)
+            return self._report(angle, pressure, Found(angle, pressure, status, jnp.asarray(0)))
+
+        # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
+        return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))
 
 
-def _frozen(tree: Any) -> Any:
+def frozen(tree: Any) -> Any:
+    """The same values without derivatives."""
     return jax.tree.map(lax.stop_gradient, tree)
 
 
@@ -212,12 +222,12 @@ def _require_scene(scene: Any) -> None:
 
 @jax.jit
 def _solve(scene: Scene, pressure: Scalar) -> Solution:
-    return scene._solution(_frozen(scene).find(lax.stop_gradient(pressure))._replace(pressure=pressure))
+    return scene._solution(frozen(scene).find(lax.stop_gradient(pressure))._replace(pressure=pressure))
 
 
 @jax.jit
 def _limit_pressure(scene: Scene) -> Scalar:
-    return scene.limit_pressure_from(_frozen(_frozen(scene).find_limit()))
+    return scene.limit_pressure_from(frozen(frozen(scene).find_limit()))
 
 
 @jax.jit
@@ -225,17 +235,9 @@ def _path(scene: Scene, pressures: Float[Array, " n"]) -> Solution:
     return jax.vmap(_solve, in_axes=(None, 0))(scene, pressures)
 
 
-@jax.jit
-def _branch(scene: Scene, fractions: Float[Array, " n"]) -> Solution:
-    start, end = scene.interval()
-
-    def at(fraction):
-        angle = start + fraction * (end - start)
-        pressure = scene.load(angle)
-        status = jnp.where(jnp.all(scene.margins(angle) >= 0) & jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
-        return scene._report(angle, pressure, Found(angle, pressure, status, jnp.asarray(0)))
-
-    return jax.vmap(at)(fractions)
+@partial(jax.jit, static_argnames="n")
+def _branch(scene: Scene, n: int) -> Solution:
+    return scene.branch(n)
 
 
 def solve(scene: Scene, pressure: Any) -> Solution:
@@ -260,16 +262,15 @@ def path(scene: Scene, pressures: Any) -> Solution:
     return _path(scene, jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure")))
 
 
-def branch(scene: CurveScene, n: int = 200) -> Solution:
-    """The equilibrium curve through its limit point, at n angles from first contact to the end of the geometry.
+def branch(scene: Scene, n: int = 200) -> Solution:
+    """The equilibrium curve through its limit point, at n points from where pressure begins to act.
 
     Unlike `path` the pressure is a result here: it rises to `limit_pressure` and falls behind it. The points behind
     the limit are equilibria under volume control, unstable under pressure control.
     """
     _require_float64()
     _require_scene(scene)
-    # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
-    return _branch(scene, jnp.linspace(0.0, 1.0 - 1e-6, n))
+    return _branch(scene, n)
 
 
 def limit_pressure(scene: Scene) -> Scalar:
