@@ -1,0 +1,34 @@
+# The first Python that is new enough; the lock file was made for 3.11.
+PYTHON ?= $(shell for p in python3.11 python3; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$p && break; done)
+BIN := .venv/bin
+STAMP := .venv/.stamp-setup
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+
+.PHONY: help setup run test lint
+
+help:
+	@echo "make setup   a virtual environment in .venv, from requirements.lock"
+	@echo "make run     set-up, then the design search of configs/shell_grasp.toml"
+	@echo "make test    set-up, then the tests"
+	@echo "make lint    set-up, then ruff and pyright"
+
+setup: $(STAMP)
+
+$(STAMP): requirements.lock pyproject.toml
+	@test -n "$(PYTHON)" || { echo "softgrip_jax needs Python 3.11 or newer on the PATH."; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(PIP) install --quiet --require-hashes -r requirements.lock
+	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	@touch $@
+
+run: setup
+	$(BIN)/softgrip design configs/shell_grasp.toml
+
+test: setup
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/pyright
