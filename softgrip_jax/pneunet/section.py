@@ -1,0 +1,326 @@
+"""Section laws of the cover: bending moment and axial force against curvature and stretch.
+
+All in pure numbers: z = H theta' (theta' per reference length), lambda the stretch of the middle line,
+m = M / (mu B H^2), n = N / (mu B H), w = section energy / (mu B H), mu the shear modulus at rest. A law is called as
+law(m, n) -> (z, lambda); `law.loads(z, lambda)` is the way back. Laws are odd in m, even in z, and take ONE section.
+
+Where a law has no state for a load, both values are NaN: never a state of another branch.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..materials import Material, MooneyRivlin, NeoHookean
+from ..numerics.roots import implicit, solve_small
+from .finger import PneuNet
+
+Scalar = Float[Array, ""]
+
+
+class SectionLaw(eqx.Module):
+    """m, n <-> z, lambda of one cross-section."""
+
+    @abc.abstractmethod
+    def __call__(self, m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+        """(z, lambda) under the moment m and the axial force n."""
+
+    @abc.abstractmethod
+    def loads(self, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar]:
+        """(m, n) that hold the curvature z and the stretch."""
+
+
+class Inextensible(SectionLaw):
+    """lambda = 1, M = mu B H^3 theta'/3 (Euler-Bernoulli, plane strain): m = z/3. It knows no axial force."""
+
+    def __call__(self, m, n):
+        return 3 * m + 0 * n, jnp.ones_like(m + n)
+
+    def loads(self, z, stretch):
+        """(z/3, NaN): an inextensible line carries any axial force."""
+        return z / 3, jnp.full_like(z, jnp.nan)
+
+    def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
+        """w = z^2 / 6."""
+        return z * z / 6
+
+
+# --- exact, neo-Hookean -------------------------------------------------------------------------------------------
+
+SERIES_BELOW = 0.16
+"""Below this w = u^2 the series of `bending_factor` is used; above, its closed form loses less than 1e-14."""
+SERIES_TERMS = 20
+"""0.16^20 = 1e-16."""
+
+
+def bending_factor(w: Scalar, rest: Scalar) -> Scalar:
+    """k(w) = (1/(1-w) - atanh(u)/u) / (2 w), w = u^2: 1/3 + 2w/5 + 3w^2/7 + ...; rest = 1 - w, given apart."""
+    small = w < SERIES_BELOW
+    series = jnp.zeros_like(w)
+    for j in reversed(range(SERIES_TERMS)):
+        series = series * jnp.where(small, w, 0.0) + (j + 1) / (2 * j + 3)
+    w_safe, rest_safe = jnp.where(small, 0.5, w), jnp.where(small, 0.5, rest)
+    u = jnp.sqrt(w_safe)
+    atanh_over_u = 0.5 * jnp.log((1 + u) ** 2 / rest_safe) / u
+    return jnp.where(small, series, (1 / rest_safe - atanh_over_u) / (2 * w_safe))
+
+
+class ExactNeoHookean(SectionLaw):
+    """The exact law of a neo-Hookean cover in plane strain (Rivlin 1949), with u = z / lambda^2:
+
+    w = (lambda^2 + atanh(u)/z - 2) / 2;   n = lambda - lambda / (lambda^4 - z^2);   m = u k(u^2) / lambda^4
+
+    k: `bending_factor`. Mooney-Rivlin covers follow the same law: in plane strain I_1 = I_2. The inner fibre vanishes
+    as u -> 1, where m -> 1/2 for every n: there is a state for every |m| < 1/2, and NaN is returned beyond.
+    """
+
+    def __call__(self, m, n):
+        return _exact_state(m, n)
+
+    def loads(self, z, stretch):
+        square = stretch**4 - z * z
+        w = z * z / stretch**4
+        return z * bending_factor(w, square / stretch**4) / stretch**6, stretch - stretch / square
+
+    def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
+        """w, zero at rest: (lambda^2 + atanh(u)/(u lambda^2) - 2) / 2."""
+        u2 = (z / stretch**2) ** 2
+        rest = 1 - u2
+        # atanh(u)/u = 1/(1-w) - 2 w k(w): no division by zero.
+        return 0.5 * (stretch**2 + (1 / rest - 2 * u2 * bending_factor(u2, rest)) / stretch**2 - 2)
+
+
+@jax.custom_jvp
+def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+    """(z, lambda): one scalar equation in lambda.
+
+    n gives 1/(1 - u^2) = s = lambda^3 (lambda - n) without a solve, so F(lambda) = w k(w)^2 - m^2 lambda^8 with
+    w = 1 - 1/s. In m^2 rather than m it is regular at m = 0.
+    """
+    stretch = _exact_stretch(m, n)
+    w, rest = _from_stretch(stretch, n)
+    z = m * stretch**6 / bending_factor(w, rest)
+    solved = jnp.abs(m) < 0.5
+    return jnp.where(solved, z, jnp.nan), jnp.where(solved, stretch, jnp.nan)
+
+
+@_exact_state.defjvp
+def _exact_state_jvp(primals, tangents):
+    """dz, dlambda by the inverse of the Hessian of w, in closed form (differentiable again)."""
+    z, stretch = _exact_state(*primals)
+    l2 = stretch * stretch
+    l4 = l2 * l2
+    square = l4 - z * z
+    w = z * z / l4
+    m_z = ((l4 / square) ** 2 - 2 * bending_factor(w, square / l4)) / (l4 * l2)
+    n_z = -2 * stretch * z / square**2
+    n_l = 1 + (3 * l4 + z * z) / square**2
+    dm, dn = tangents
+    scale = 1 / (m_z * n_l - n_z * n_z)
+    return (z, stretch), ((n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale)
+
+
+def _from_stretch(stretch, n):
+    """w = u^2 and 1 - w at equilibrium of the axial force; w is kept from turning negative by rounding."""
+    s = stretch**3 * (stretch - n)
+    return jnp.maximum(1 - 1 / s, 0.0), 1 / s
+
+
+START_FIT = (0.99991304, -0.14113449, -0.0674586, -0.49992885)
+"""Least squares fit of Rivlin's pure bending for z up to 20, good to 0.11 %: with x = 4 m^2,
+z^2 = 9 m^2 (c_0 + c_1 x + c_2 x^2 + c_3 ln(1 - x)) / (1 - x)."""
+START_STEPS = 3
+NEWTON_STEPS = 5
+
+
+def _exact_stretch(m, n):
+    """lambda under (m, n): a start from pure bending, then a fixed number of Newton steps on F."""
+
+    def improve(_, stretch):
+        x = jnp.minimum(4 * (m * stretch / (stretch - n)) ** 2, 0.999)
+        fit = START_FIT[0] + x * (START_FIT[1] + x * START_FIT[2]) + START_FIT[3] * jnp.log1p(-x)
+        return axial_stretch(1 + 2.25 * x * fit / (1 - x), n)
+
+    def newton(_, stretch):
+        w, rest = _from_stretch(stretch, n)
+        k = bending_factor(w, rest)
+        # 2 w k' = 1/(1-w)^2 - 3 k
+        slope = k * (1 / rest**2 - 2 * k) * rest**2 * stretch**2 * (4 * stretch - 3 * n) - 8 * m * m * stretch**7
+        return stretch - (w * k * k - m * m * stretch**8) / slope
+
+    start = lax.fori_loop(0, START_STEPS, improve, axial_stretch(jnp.ones_like(m + n), n), unroll=True)
+    return lax.fori_loop(0, NEWTON_STEPS, newton, start, unroll=True)
+
+
+def axial_stretch(s: Scalar, n: Scalar) -> Scalar:
+    """The positive root of lambda^3 (lambda - n) = s, s >= 1; for s = 1 the stretch under n without moment."""
+    # An upper bound; the quartic is convex above the root, so Newton falls onto it.
+    stretch = jnp.sqrt(jnp.sqrt(s)) + jnp.maximum(n, 0.0)
+    for _ in range(QUARTIC_STEPS):
+        stretch -= (stretch**3 * (stretch - n) - s) / (stretch**2 * (4 * stretch - 3 * n))
+    return stretch
+
+
+QUARTIC_STEPS = 8
+"""From the bound to the last bit for |n| up to 5."""
+
+
+class Thesis(SectionLaw):
+    """The law of the thesis as printed, (2.12), (2.13) with kappa = theta'/lambda (2.9); He et al. 2018.
+
+    n = lambda - lambda^-3 - (kappa H)^2 lambda^-7,   m = kappa H / (3 lambda^6),   kappa H = z / lambda
+
+    With m given: f(lambda) = lambda - lambda^-3 - 9 m^2 lambda^5 = n. f is concave: its rising part is the branch from
+    zero load; where n is above its maximum (for n = 0: |m| > 1/6) there is no state, and NaN is returned. The law is
+    not the derivative of an energy.
+    """
+
+    def __call__(self, m, n):
+        m, n = jnp.broadcast_arrays(m, n)
+        found = _rising_root(m, n)
+        stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n))
+        return 3 * m * stretch**7, stretch
+
+    def loads(self, z, stretch):
+        bent = z / stretch
+        return bent / (3 * stretch**6), stretch - stretch**-3 - bent**2 / stretch**7
+
+
+THESIS_STEPS = 60
+
+
+def _thesis_tension(stretch, m):
+    return stretch - stretch**-3 - 9 * m * m * stretch**5
+
+
+def _rising_root(m, n):
+    """Newton from the left on the rising part of a concave function climbs to the root and never passes it."""
+    m, n = lax.stop_gradient((m, n))
+    m2 = m * m
+    # lambda^4 where f has its maximum: 45 m^2 q^2 - q - 3 = 0
+    top = jnp.sqrt(jnp.sqrt((1 + jnp.sqrt(1 + 540 * m2)) / (90 * jnp.maximum(m2, 1e-16))))
+    exists = n < _thesis_tension(top, m)
+
+    def step(state):
+        x, count, _ = state
+        slope = 1 + 3 * x**-4 - 45 * m2 * x**4
+        new = x + (n - _thesis_tension(x, m)) / slope
+        # Rounding ends the climb.
+        return jnp.maximum(x, new), count + 1, new > x
+
+    start = (jnp.minimum(axial_stretch(jnp.ones_like(n), n), top), jnp.asarray(0), exists)
+    x, _, _ = lax.while_loop(lambda s: s[2] & (s[1] < THESIS_STEPS), step, start)
+    return jnp.where(exists, x, jnp.nan)
+
+
+# --- exact, any strain energy -------------------------------------------------------------------------------------
+
+THICKNESS_POINTS = 16
+"""Gauss points through the thickness: with a neo-Hookean energy the error is about (1/u + sqrt(1/u^2 - 1))^-32 (the
+pole of the integrand), which is 1e-12 at u = 0.7; the inner fibre is then compressed to 0.55 of the middle line."""
+_X, _WEIGHT = np.polynomial.legendre.leggauss(THICKNESS_POINTS)
+
+QUADRATURE_STEPS = 40
+
+
+class ExactQuadrature(SectionLaw):
+    """The exact law of any strain energy: a fibre at height Z has the stretch sqrt(lambda^2 + 2 theta' Z), exactly.
+
+    w(lambda, z) = integral over -1/2..1/2 of W(s, 1/s, 1)/mu,  s^2 = lambda^2 + 2 z zeta;  n = dw/dlambda, m = dw/dz
+    """
+
+    material: Material
+
+    def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
+        """w, zero at rest."""
+
+        def fibre(x):
+            s = jnp.sqrt(stretch**2 + z * x)
+            return self.material.energy(s, 1 / s, jnp.ones_like(s))
+
+        return 0.5 * jnp.dot(jnp.asarray(_WEIGHT), jax.vmap(fibre)(jnp.asarray(_X))) / self.material.shear_modulus()
+
+    def loads(self, z, stretch):
+        return jax.grad(self.energy, argnums=(0, 1))(z, stretch)
+
+    def __call__(self, m, n):
+        m, n = jnp.broadcast_arrays(m, n)
+        wanted = jnp.stack([m, n])
+        found = _quadrature_state(*lax.stop_gradient((self, wanted)))
+
+        def residual(y, args):
+            law, wanted = args
+            return jnp.stack(law.loads(y[0], y[1])) - wanted
+
+        state = implicit(residual, found, (self, wanted))
+        return state[0], state[1]
+
+
+def _quadrature_state(law, wanted):
+    """Damped Newton from the neo-Hookean state; a step that does not shrink the residual is halved."""
+
+    def residual(y):
+        return jnp.stack(law.loads(y[0], y[1])) - wanted
+
+    def step(state):
+        y, error, fraction, move, count = state
+        trial = y + fraction * move
+        r = residual(trial)
+        norm = jnp.linalg.norm(r)
+        better = (norm < error) & (trial[1] > 0) & (jnp.abs(trial[0]) < trial[1] ** 2)
+        fresh = -solve_small(jax.jacfwd(residual)(trial), r)
+        return (
+            jnp.where(better, trial, y),
+            jnp.where(better, norm, error),
+            jnp.where(better, 1.0, 0.5 * fraction),
+            jnp.where(better, fresh, move),
+            count + 1,
+        )
+
+    def busy(state):
+        _, error, fraction, _, count = state
+        return (error > 0) & (fraction > 1e-3) & (count < QUADRATURE_STEPS)
+
+    z, stretch = ExactNeoHookean()(wanted[0], wanted[1])
+    start = jnp.where(jnp.isnan(z), jnp.array([0.0, 1.0]), jnp.stack([z, stretch]))
+    y, error, *_ = lax.while_loop(
+        busy, step, (start, jnp.inf * jnp.ones_like(z), jnp.ones_like(z), jnp.zeros_like(start), jnp.asarray(0))
+    )
+    return jnp.where(error <= 1e-12, y, jnp.nan)
+
+
+# --- by name ------------------------------------------------------------------------------------------------------
+
+LAWS = ("exact", "thesis", "inextensible")
+
+
+def section_law(name: str, material: Material) -> SectionLaw:
+    """The section law of a cover by name: "exact" (closed form where there is one), "thesis", "inextensible"."""
+    if name == "thesis":
+        return Thesis()
+    if name == "inextensible":
+        return Inextensible()
+    if name != "exact":
+        raise ValueError(f"section is {name!r}; it must be one of {', '.join(map(repr, LAWS))}.")
+    return ExactNeoHookean() if isinstance(material, NeoHookean | MooneyRivlin) else ExactQuadrature(material)
+
+
+def curvature_and_stretch(name: str, finger: PneuNet, moment: Any, tension: Any) -> tuple[Scalar, Scalar]:
+    """(theta', 1/m; lambda) of a finger's cover under M (N m, positive turns towards positive theta) and N (N)."""
+    law = section_law(name, finger.material)
+    z, stretch = law(moment / finger.moment_scale(), tension / finger.force_scale())
+    return z / finger.H, stretch
+
+
+def moment_and_tension(name: str, finger: PneuNet, curvature: Any, stretch: Any) -> tuple[Scalar, Scalar]:
+    """(M, N m; N, N) that hold a finger's cover at theta' (1/m) and lambda."""
+    m, n = section_law(name, finger.material).loads(curvature * finger.H, stretch)
+    return m * finger.moment_scale(), n * finger.force_scale()
