@@ -94,6 +94,18 @@ def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0) -> Solution:
     return solve(Chamber(finger, inclination), pressure)
 
 
+def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
+    """The pressure (Pa) at which two chambers begin to press on each other: c_1 + c_2 = 0. Differentiable.
+
+    At theta_s = 0 this is where the freely inflated wall reaches the plane, (4.15), (4.16). Inclined, the two differ:
+    the free arc (4.18) touches a little earlier (type A: by 7 % at 0.02 rad, 16 % at 0.15), because (4.28) measures
+    the stretch of the exterior part alone.
+    """
+    scene = Chamber(finger, inclination)
+    angle = implicit(lambda x, scene: scene.wall(x).contact_width / scene.finger.a, scene.interval()[0], scene)
+    return scene.load(angle)
+
+
 def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
     """The pressure (Pa) at which theta_m2 reaches pi, where the model of the wall ends."""
     scene = Chamber(finger, inclination)
