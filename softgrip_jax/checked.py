@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool
 
-from .units import DISPLAY
+from .units import SI
 
 # rule -> (what is allowed, in words; the test, for NumPy and for traced arrays alike)
 RULES = {
@@ -28,10 +28,9 @@ RULES = {
 }
 
 
-def _si_unit(kind: str) -> str:
-    return {"length": "m", "pressure": "Pa", "force": "N", "angle": "rad", "mass": "kg", "number": ""}.get(
-        kind, DISPLAY[kind][0]
-    )
+def wanted(rule: str, unit: str) -> str:
+    """What a field accepts, in words: 'a positive finite number in mm'."""
+    return RULES[rule][0] + (f" in {unit}" if unit else "")
 
 
 def to_float_array(value: Any) -> Any:
@@ -73,6 +72,11 @@ def right_angle(**kwargs: Any) -> Any:
     return _rule_field("right_angle", "angle", **kwargs)
 
 
+def vector(kind: str, converter: Any, **kwargs: Any) -> Any:
+    """A leaf of two components (x, y), or None; `converter` says what a written value becomes."""
+    return eqx.field(converter=converter, metadata={"rule": "finite", "kind": kind, "size": 2}, **kwargs)
+
+
 def choice(*allowed: str, **kwargs: Any) -> Any:
     """A static choice by name."""
     return eqx.field(static=True, metadata={"allowed": allowed}, **kwargs)
@@ -90,16 +94,14 @@ def is_concrete(*values: Any) -> bool:
 
 def require(name: str, value: Any, rule: str, kind: str) -> Any:
     """`value` as a float array, or a ValueError that names the field, the value and the rule."""
-    words, test = RULES[rule]
-    unit = _si_unit(kind)
-    wanted = words + (f" in {unit}" if unit else "")
+    test, words = RULES[rule][1], wanted(rule, SI[kind])
     array = to_float_array(value)
     if not isinstance(array, jax.Array):
-        raise ValueError(f"{name} is {value!r}; it must be {wanted}.")
+        raise ValueError(f"{name} is {value!r}; it must be {words}.")
     if is_concrete(array):
         seen = np.asarray(array)
         if not np.all(test(seen)):
-            raise ValueError(f"{name} is {_first_bad(seen, test)}; it must be {wanted}.")
+            raise ValueError(f"{name} is {_first_bad(seen, test)}; it must be {words}.")
     return array
 
 
@@ -121,6 +123,8 @@ class Checked(eqx.Module):
                 if value is None or type(value) is object:
                     continue
                 require(where, value, meta["rule"], meta["kind"])
+                if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):
+                    raise ValueError(f"{where} is {value!r}; it must be a pair of numbers (x, y).")
             elif meta.get("friction") and not callable(value):
                 require(where, value, "positive", "number")
             elif "allowed" in meta and value not in meta["allowed"]:
@@ -140,6 +144,8 @@ def admissible(tree: Any) -> Bool[Array, ""]:
         for field in dataclasses.fields(node):
             value = getattr(node, field.name)
             if "rule" in field.metadata:
+                if value is None:
+                    continue
                 good &= jnp.all(RULES[field.metadata["rule"]][1](value))
             elif field.metadata.get("friction") and not callable(value):
                 good &= jnp.all(RULES["positive"][1](value))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -19,8 +19,9 @@ Scalar = Float[Array, ""]
 class Friction(Checked):
     """A coefficient of friction that depends on the normal force: call it with the force in N."""
 
+    @abc.abstractmethod
     def __call__(self, force: Scalar) -> Scalar:
-        raise NotImplementedError
+        """mu_f, a pure number."""
 
 
 class FrictionTable(Friction):

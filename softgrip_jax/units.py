@@ -39,3 +39,16 @@ DISPLAY = {
 }
 """What people read: kind of quantity -> (label, value of that unit in SI).
 Config keys, tables and axis labels take their unit from here."""
+
+SI = {
+    "length": "m",
+    "area": "m^2",
+    "force": "N",
+    "force_per_length": "N/m",
+    "pressure": "Pa",
+    "moment": "N m",
+    "angle": "rad",
+    "mass": "kg",
+    "number": "",
+}
+"""Kind of quantity -> its SI unit: what constructors take, results hold and `--json` prints."""

@@ -1,0 +1,197 @@
+"""The command `softgrip`: thin, everything it does is in the other rooms.
+
+Exit codes: 0, done; 1, the question has no answer (the report says why); 2, a mistake in what was typed or in a file,
+told in one sentence on stderr; 130, stopped by Ctrl-C.
+
+The rooms are imported inside the commands, so that `softgrip --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import uuid
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from rich.console import Console
+
+from .errors import ConfigError
+
+if TYPE_CHECKING:
+    from .results import Solution
+
+NO_ANSWER, MISTAKE, STOPPED = 1, 2, 130
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    help="Models of pneumatic soft grippers that can be differentiated, and their design by gradient.",
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from ._version import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version and leave.", is_eager=True, callback=_print_version)
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def solve(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene].")],
+    pressure_kpa: Annotated[
+        float | None, typer.Option("--pressure-kPa", help="Solve at this pressure, whatever [solve] asks.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units and nothing else.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture of the scene to this file.")] = None,
+) -> None:
+    """Solve one scene and report its state.
+
+    [solve] in the config gives the pressure (pressure_kPa) or one observable that the pressure shall reach (force_N);
+    a grasp with a mass needs neither. Exit code 1 where there is no answer.
+
+        softgrip solve configs/shell_cylinder.toml --plot cylinder.png
+    """
+    from . import config as configs
+    from .scene import pressure_for
+    from .scene import solve as solve_scene
+
+    if plot is not None:
+        _check_picture(plot)
+    read = configs.load(config)
+    if pressure_kpa is None:
+        asked = configs.question(read)
+    else:
+        asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
+    with Console(stderr=True).status("solving"):
+        if "pressure" in asked:
+            solution = solve_scene(read.scene, asked["pressure"])
+        else:
+            solution = pressure_for(read.scene, **asked)
+    if as_json:
+        typer.echo(json.dumps(as_data(solution), indent=2, allow_nan=False))
+    else:
+        report(solution, Console())
+    if int(solution.status) != 0:
+        if plot is not None:
+            print("No picture: there is no state to draw.", file=sys.stderr)
+        raise typer.Exit(NO_ANSWER)
+    if plot is not None:
+        _draw(solution, plot)
+
+
+@app.command()
+def design(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [design].")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+) -> None:
+    """Search for a better design by gradient, from many starts at once.
+
+    softgrip design configs/shell_grasp.toml
+    """
+    # optim stands above this package: this is the one place that looks up to it.
+    from optim.run import run_design
+
+    run_design(config, out, Console())
+
+
+def as_data(solution: Solution) -> dict[str, Any]:
+    """A solution as plain data in SI; what is not a finite number is None."""
+    from .config import type_name
+    from .results import Status
+    from .units import SI
+
+    status = Status(int(solution.status))
+    kinds = type(solution.scene).OBSERVABLES
+    return {
+        "scene": type_name(type(solution.scene)),
+        "status": status.name,
+        "message": status.message,
+        "pressure": _plain(solution.pressure),
+        "residual": _plain(solution.residual),
+        "iterations": int(solution.iterations),
+        "observables": {name: _plain(solution.observables[name]) for name in kinds},
+        "units": {"pressure": SI["pressure"]} | {name: SI[kind] for name, kind in kinds.items()},
+    }
+
+
+def _plain(value: Any) -> Any:
+    import numpy as np
+
+    array = np.asarray(value)
+    if array.ndim:
+        return [_plain(v) for v in array]
+    return float(array) if np.isfinite(array) else None
+
+
+def report(solution: Solution, console: Console) -> None:
+    """The state as a table for people."""
+    from rich.table import Table
+
+    from .config import type_name
+    from .results import Status
+
+    table = Table(title=type_name(type(solution.scene)), show_header=False, title_justify="left")
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, value in solution.rows():
+        good = int(solution.status) == Status.OK
+        table.add_row(name, value, style="bold" if name == "status" and not good else None)
+    console.print(table)
+
+
+def _check_picture(path: Path) -> None:
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise ConfigError(f"--plot is {str(path)!r}; it must be a file that ends in .png, .pdf or .svg.")
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise ConfigError(f"--plot is {str(path)!r}; a file cannot be written there.")
+
+
+def _draw(solution: Solution, path: Path) -> None:
+    from .plots import draw
+
+    # Complete or not there at all: a picture that was stopped half way never has the wanted name.
+    unfinished = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
+    try:
+        draw(solution).figure.savefig(unfinished)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def run(arguments: Sequence[str]) -> int:
+    """The command with these arguments; returns the exit code."""
+    # Every mistake in what was typed is a subclass of typer's own, which has no public name.
+    usage_error: Any = typer.BadParameter.__mro__[1]
+    try:
+        return app(args=list(arguments), prog_name="softgrip", standalone_mode=False) or 0
+    except usage_error as error:
+        command = error.ctx.command_path if error.ctx else "softgrip"
+        message = f"{error.format_message().rstrip('.')}; see {command} --help."
+    except (ConfigError, OSError) as error:
+        message = str(error)
+    except (KeyboardInterrupt, typer.Abort):
+        print("stopped.", file=sys.stderr)
+        return STOPPED
+    print(" ".join(message.split()), file=sys.stderr)
+    return MISTAKE
+
+
+def main() -> NoReturn:
+    """Entry point of the console script."""
+    sys.exit(run(sys.argv[1:]))
