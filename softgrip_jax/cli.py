@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 NO_ANSWER, MISTAKE, STOPPED = 1, 2, 130
 
 app = typer.Typer(
-    no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
     help="Models of pneumatic soft grippers that can be differentiated, and their design by gradient.",
@@ -179,7 +178,7 @@ def run(arguments: Sequence[str]) -> int:
     # Every mistake in what was typed is a subclass of typer's own, which has no public name.
     usage_error: Any = typer.BadParameter.__mro__[1]
     try:
-        return app(args=list(arguments), prog_name="softgrip", standalone_mode=False) or 0
+        return app(args=list(arguments) or ["--help"], prog_name="softgrip", standalone_mode=False) or 0
     except usage_error as error:
         command = error.ctx.command_path if error.ctx else "softgrip"
         message = f"{error.format_message().rstrip('.')}; see {command} --help."

@@ -1,0 +1,17 @@
+"""What holds for every test: float64, no silent broadcasting of ranks, programs compiled once and kept.
+
+Warnings are errors and the annotations of arrays are checked (see pyproject.toml). The package is not imported here:
+the checks of the annotations are put in place after this file is read.
+"""
+
+from pathlib import Path
+
+import jax
+
+ROOT = Path(__file__).resolve().parent.parent
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+# Compiling is most of the time of a run; what has not changed is taken from here.
+jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
