@@ -167,7 +167,7 @@ def _draw(solution: Solution, path: Path) -> None:
     # Complete or not there at all: a picture that was stopped half way never has the wanted name.
     unfinished = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
     try:
-        draw(solution).figure.savefig(unfinished)
+        draw(solution).savefig(unfinished)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)

@@ -280,9 +280,9 @@ def to_table(module: Any, bases: tuple[type, ...]) -> dict[str, Any]:
     return table
 
 
-def _in_unit(value: np.ndarray, unit: float) -> Any:
+def _in_unit(value: Any, unit: float) -> Any:
     """The value in its unit, with the shortest decimals that read back as the same float where there are such."""
-    if value.ndim:
+    if np.ndim(value):
         return [_in_unit(v, unit) for v in value]
     number = float(value) / unit
     short = float(f"{number:.15g}")
