@@ -8,9 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from .materials import Material, nominal_stresses
+from .numerics.roots import implicit
 
 Scalar = Float[Array, ""]
 
@@ -51,6 +53,47 @@ def flat_contact_stretch(theta: Scalar, distance_over_a: Scalar) -> Scalar:
     """lambda_1 of an arc-flat-arc profile that touches a plane at distance d, thesis (3.11)."""
     half = 0.5 * theta
     return 1 + distance_over_a * (half / jnp.sin(half) ** 2 - 1 / jnp.tan(half))
+
+
+INVERSE_STEPS = 7
+"""Newton steps for the two inverses below. Both functions are convex and the first guess is on the side from which
+Newton approaches without overshooting; over the whole range the sixth step is already down to rounding."""
+
+
+def flat_contact_angle(stretch: Scalar, distance_over_a: Scalar) -> Scalar:
+    """theta at which a profile on a plane has a given stretch: the inverse of (3.11), 0 to pi; differentiable."""
+
+    def excess(half, args):
+        stretch, ratio = args
+        return half / jnp.sin(half) ** 2 - 1 / jnp.tan(half) - (stretch - 1) / ratio
+
+    fixed = lax.stop_gradient((stretch, distance_over_a))
+    goal = (fixed[0] - 1) / fixed[1]
+    # y(h) = h / sin^2 h - cot h is near 2 h / 3 + c h^2 with c from y(pi/2) = pi/2, and lies below it: h starts too low
+    # by at most 3 %, and convexity puts the first Newton step on the high side.
+    c = 2 / (3 * jnp.pi)
+    half = (jnp.sqrt(4 / 9 + 4 * c * goal) - 2 / 3) / (2 * c)
+
+    def step(_, half):
+        s, cot = jnp.sin(half), 1 / jnp.tan(half)
+        slope = 2 * (1 - half * cot) / s**2
+        return jnp.minimum(half - (half / s**2 - cot - goal) / slope, 0.5 * jnp.pi)
+
+    half = lax.fori_loop(0, INVERSE_STEPS, step, jnp.minimum(half, 0.5 * jnp.pi))
+    return 2 * implicit(excess, half, (stretch, distance_over_a))
+
+
+def angle_of_stretch(stretch: Scalar) -> Scalar:
+    """theta of a free arc with a given stretch theta / sin(theta) > 1: the inverse of (3.5); differentiable."""
+    fixed = lax.stop_gradient(stretch)
+    # theta / sin theta >= 1 + theta^2 / 6, and one Newton step from pi: both are at or above the root.
+    angle = jnp.minimum(jnp.sqrt(6 * (fixed - 1)), jnp.pi * fixed / (1 + fixed))
+
+    def step(_, angle):
+        return angle - (fixed * jnp.sin(angle) - angle) / (fixed * jnp.cos(angle) - 1)
+
+    angle = lax.fori_loop(0, INVERSE_STEPS, step, angle)
+    return implicit(lambda angle, stretch: stretch * jnp.sin(angle) - angle, angle, stretch)
 
 
 def plate_coefficient(a_over_b: Scalar) -> Scalar:

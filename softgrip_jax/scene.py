@@ -17,8 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, require
-from .numerics.curves import crossing, events, first_stop
+from .checked import Checked, require
 from .numerics.roots import implicit
 from .results import Solution, Status, gate, mask
 
@@ -35,6 +34,8 @@ class Found(NamedTuple):
     pressure: Scalar
     status: Int[Array, ""]
     iterations: Int[Array, ""]
+    mismatch: Scalar | float = 0.0
+    """Scaled error of whatever was asked for beyond the scene's own equations (the target of `pressure_for`)."""
 
 
 class Scene(Checked):
@@ -75,6 +76,10 @@ class Scene(Checked):
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
         raise ValueError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
 
+    def prepared(self) -> Scene:
+        """The scene with choices made that need known numbers; called outside of jit, before anything else."""
+        return self
+
     def profile(self, unknowns: Array, pressure: Scalar, n: int) -> dict[str, Array]:
         """The deformed shape at n points."""
         raise NotImplementedError(f"{type(self).__name__} has no shape.")
@@ -83,123 +88,32 @@ class Scene(Checked):
         """False where the parts do not fit together (beyond each field's own rule)."""
         return jnp.asarray(True)
 
+    def settled(self, found: Found) -> Found:
+        """`found`, relabelled NOT_CONVERGED where it does not solve the equations: before anything is gated by it."""
+        residual = self._residual_norm(found)
+        small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
+        failed = (found.status == Status.OK) & ~small
+        return found._replace(status=jnp.where(failed, Status.NOT_CONVERGED, found.status))
+
+    def _residual_norm(self, found: Found) -> Scalar:
+        own = jnp.max(jnp.abs(jnp.atleast_1d(self.residual(found.unknowns, found.pressure))))
+        return jnp.maximum(own, jnp.abs(found.mismatch))
+
     def _solution(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
-        found, pressure = frozen(found), found.pressure
-        ok = found.status == Status.OK
-        scene, pressure = gate(ok, (self, pressure))
+        pressure = found.pressure
+        found = frozen(self).settled(frozen(found))
+        scene, pressure = gate(found.status == Status.OK, (self, pressure))
         unknowns = implicit(lambda y, args: args[0].residual(y, args[1]), found.unknowns, (scene, pressure))
         return scene._report(unknowns, pressure, found)
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
-        residual = jnp.max(jnp.abs(jnp.atleast_1d(lax.stop_gradient(self.residual(unknowns, pressure)))))
-        status = found.status
-        small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
-        status = jnp.where((status == Status.OK) & ~small, Status.NOT_CONVERGED, status)
-        observables = mask(status, self.observe(unknowns, pressure))
-        return Solution(self, pressure, status, residual, found.iterations, unknowns, observables)
-
-
-class CurveScene(Scene):
-    """A scene whose pressure is an explicit function of one angle: every question is one scalar root.
-
-    An author gives `interval`, `load`, `observe`, and where the model ends (`margins`). The pressure rises with the
-    angle up to the first limit point, which is where equilibrium under pressure control ends.
-    """
-
-    CONTACT: ClassVar[bool] = True
-    """Whether the angle starts where something is first touched (a lower pressure is then NO_CONTACT)."""
-
-    @abc.abstractmethod
-    def interval(self) -> tuple[Scalar, Scalar]:
-        """The angles where the state begins and where its geometry ends (the load need not exist at the end)."""
-
-    @abc.abstractmethod
-    def load(self, angle: Scalar) -> Scalar:
-        """The pressure that holds the scene at this angle, Pa."""
-
-    @abc.abstractmethod
-    def pressure_scale(self) -> Scalar:
-        """A pressure typical of the design, Pa: makes the residual a pure number."""
-
-    def margins(self, angle: Scalar) -> Float[Array, " m"]:
-        """Pure numbers that stay positive while the model holds."""
-        return jnp.zeros((0,), dtype=angle.dtype)
-
-    def unbounded(self) -> Bool[Array, ""]:
-        """True where the load grows without bound towards the end of the interval: there is then no limit."""
-        return jnp.asarray(False)
-
-    def residual(self, unknowns, pressure):
-        return (self.load(unknowns) - pressure) / (self.pressure_scale() + jnp.abs(pressure))
-
-    def find(self, pressure):
-        start, _ = self.interval()
-        low, high = self.load(start), self.find_limit()
-        angle, iterations = crossing(self.load, pressure, start, high.unknowns)
-        status = jnp.where(pressure > high.pressure, Status.BEYOND_LIMIT, Status.OK)
-        status = jnp.where(pressure <= low, Status.NO_CONTACT if self.CONTACT else Status.OK, status)
-        angle = jnp.where(pressure <= low, start, angle)
-        possible = (high.status != Status.IMPOSSIBLE) & (pressure >= 0) & (pressure < jnp.inf)
-        return Found(angle, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
-
-    def find_limit(self):
-        start, end = self.interval()
-        stop = first_stop(self.load, self.margins, start, end)
-        possible = admissible(self) & self.is_possible() & (start < end)
-        endless = self.unbounded() & (stop.event == -1)
-        pressure = jnp.where(endless, jnp.inf, self.load(stop.x))
-        return Found(stop.x, pressure, jnp.where(possible, Status.OK, Status.IMPOSSIBLE), stop.event)
-
-    def limit_pressure_from(self, found):
-        event = found.iterations
-        ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
-        scene = gate(ok, self)
-
-        def stops(angle, args):
-            scene, event = args
-            quantities = events(scene.load, scene.margins)(angle)
-            return quantities[jnp.maximum(event, 0)]
-
-        at_event = implicit(stops, found.unknowns, (scene, event))
-        at_end = scene.interval()[1]
-        pressure = scene.load(jnp.where(event < 0, at_end, at_event))
-        return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
-
-    def solve_for(self, name, target):
         fixed = frozen(self)
-
-        def wanted(scene, angle):
-            return scene.observe(angle, scene.load(angle))[name]
-
-        start, _ = fixed.interval()
-        limit = fixed.find_limit()
-        value = lax.stop_gradient(target)
-        angle, iterations = crossing(lambda x: wanted(fixed, x), value, start, limit.unknowns)
-        low, high = wanted(fixed, start), wanted(fixed, limit.unknowns)
-        scale = jnp.maximum(jnp.abs(value), 1e-6 * jnp.abs(high))
-        status = jnp.where(value > high, Status.BEYOND_LIMIT, jnp.where(value <= low, Status.NO_CONTACT, Status.OK))
-        status = jnp.where((limit.status == Status.IMPOSSIBLE) | ~jnp.isfinite(value), Status.IMPOSSIBLE, status)
-        found = Found(angle, fixed.load(angle), status, iterations)
-        scene, target = gate(status == Status.OK, (self, target))
-        angle = implicit(lambda x, args: (wanted(args[0], x) - args[1]) / args[2], angle, (scene, target, scale))
-        pressure = scene.load(angle)
-        solution = scene._report(angle, pressure, found)
-        no_answer = jnp.where(status == Status.NO_CONTACT, fixed.load(start), jnp.nan)
-        return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
-
-    def branch(self, n):
-        start, end = self.interval()
-
-        def at(fraction):
-            angle = start + fraction * (end - start)
-            pressure = self.load(angle)
-            holds = jnp.all(self.margins(angle) >= 0) & jnp.isfinite(pressure)
-            status = jnp.where(holds, Status.OK, Status.BEYOND_LIMIT)
-            return self._report(angle, pressure, Found(angle, pressure, status, jnp.asarray(0)))
-
-        # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
-        return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))
+        found = fixed.settled(frozen(found._replace(unknowns=unknowns, pressure=pressure)))
+        observables = mask(found.status, self.observe(unknowns, pressure))
+        return Solution(
+            self, pressure, found.status, fixed._residual_norm(found), found.iterations, unknowns, observables
+        )
 
 
 def frozen(tree: Any) -> Any:
@@ -207,17 +121,16 @@ def frozen(tree: Any) -> Any:
     return jax.tree.map(lax.stop_gradient, tree)
 
 
-def _require_float64() -> None:
+def _checked(scene: Any) -> Scene:
+    """The scene, ready to be solved, or one sentence about what is wrong."""
     if not jax.config.jax_enable_x64:
         raise RuntimeError(
             "softgrip_jax needs float64, which is switched off: remove JAX_ENABLE_X64=0 or the call of "
             "jax.config.update('jax_enable_x64', False) after the import."
         )
-
-
-def _require_scene(scene: Any) -> None:
     if not isinstance(scene, Scene):
         raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+    return scene.prepared()
 
 
 @jax.jit
@@ -250,15 +163,13 @@ def solve(scene: Scene, pressure: Any) -> Solution:
     Returns: a Solution. A scene without equilibrium is not an error: see `Solution.status`.
     Raises: ValueError for a pressure that cannot be meant (outside jit); RuntimeError where float64 is off.
     """
-    _require_float64()
-    _require_scene(scene)
+    scene = _checked(scene)
     return _solve(scene, require("pressure", pressure, "nonnegative", "pressure"))
 
 
 def path(scene: Scene, pressures: Any) -> Solution:
     """The curve of solutions at the given pressures (Pa), on the branch connected to zero load; a batched Solution."""
-    _require_float64()
-    _require_scene(scene)
+    scene = _checked(scene)
     return _path(scene, jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure")))
 
 
@@ -268,8 +179,7 @@ def branch(scene: Scene, n: int = 200) -> Solution:
     Unlike `path` the pressure is a result here: it rises to `limit_pressure` and falls behind it. The points behind
     the limit are equilibria under volume control, unstable under pressure control.
     """
-    _require_float64()
-    _require_scene(scene)
+    scene = _checked(scene)
     return _branch(scene, n)
 
 
@@ -279,8 +189,7 @@ def limit_pressure(scene: Scene) -> Scalar:
     A maximum of the load (limit point) or the end of the model (the membrane used up); inf where neither exists,
     NaN for an impossible scene. Differentiable.
     """
-    _require_float64()
-    _require_scene(scene)
+    scene = _checked(scene)
     return _limit_pressure(scene)
 
 
@@ -291,8 +200,7 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
         scene: what to solve.
         target: one observable and its value in SI, for instance ``force=2.0``; none for a grasp, which knows its own.
     """
-    _require_float64()
-    _require_scene(scene)
+    scene = _checked(scene)
     if len(target) > 1:
         raise ValueError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
     name, value = next(iter(target.items())) if target else scene.target()

@@ -12,66 +12,89 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .roots import bracketed_root
 
 Scalar = Float[Array, ""]
-Load = Callable[[Scalar], Scalar]
-Margins = Callable[[Scalar], Float[Array, " m"]]
+Samples = Float[Array, " n"]
+Function = Callable[[Scalar], Scalar]
 
-SCAN_POINTS = 48
-"""Samples along the curve that look for the first event. Over random designs the load has one maximum; events closer
-than 1/48 of the range to each other would be seen as one, at the earlier one's cell."""
+CELLS = 48
+"""A curve is looked at in this many cells. A maximum and a minimum of the load inside one cell would be overlooked:
+over random designs of every material here, two events are never that close."""
 
 
-class Stop(NamedTuple):
-    """Where the rising part of a curve ends, and by which event."""
+class Scan(NamedTuple):
+    """Samples of a curve, and how far it rises."""
+
+    x: Samples
+    y: Samples
+    last: Int[Array, ""]
+    """Index of the last sample that is above all samples before it."""
+    falls: Bool[Array, ""]
+    """Whether the curve stops rising before its end."""
+
+
+class Crossing(NamedTuple):
+    """The first place where a curve takes a value."""
 
     x: Scalar
-    event: Int[Array, ""]
-    """0: the load has its maximum; k: the k-th margin is used up; -1: the end of the range."""
+    exists: Bool[Array, ""]
+    iterations: Int[Array, ""]
+    scale: Scalar
+    """The change of the curve over the cell of the crossing: what its rounding errors are measured by."""
 
 
-def slope_of(load: Load) -> Load:
-    """d load / d x."""
-    return lambda x: jax.jvp(load, (x,), (jnp.ones_like(x),))[1]
+def slope_of(function: Function) -> Function:
+    """d function / d x."""
+    return lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1]
 
 
-def events(load: Load, margins: Margins) -> Callable[[Scalar], Float[Array, " k"]]:
-    """The quantities that stay positive up to the stop: the slope of the load, then each margin."""
-    return lambda x: jnp.concatenate([slope_of(load)(x)[None], margins(x)])
+def scan_curve(function: Function, start: Scalar, end: Scalar) -> Scan:
+    """Samples of `function` at the borders of CELLS equal cells."""
+    x = start + (end - start) * jnp.linspace(0.0, 1.0, CELLS + 1, dtype=start.dtype)
+    y = jax.vmap(function)(x)
+    stops = ~(y[1:] > y[:-1])  # NaN stops it too
+    falls = jnp.any(stops)
+    return Scan(x, y, jnp.where(falls, jnp.argmax(stops), CELLS), falls)
 
 
-def first_stop(load: Load, margins: Margins, start: Scalar, end: Scalar) -> Stop:
-    """The first x after `start` where the load stops rising or a margin reaches zero; else `end`.
+def first_maximum(function: Function, scan: Scan) -> Scalar:
+    """x of the first maximum of a scanned `function`; the end of the scan where it rises throughout.
 
-    Sampled at SCAN_POINTS, then refined by a bracketed Newton to the last bit. No derivatives pass through.
+    The root of the slope in the two cells around the highest sample, to the last bit. No derivatives pass through.
     """
-    quantities = events(load, margins)
-    step = (end - start) / SCAN_POINTS
-    # The samples sit at the middles of the cells: both ends of a range may be singular.
-    x = start + step * (jnp.arange(SCAN_POINTS) + 0.5)
-    sampled = jax.vmap(quantities)(x)
-    failed = ~jnp.all(sampled > 0, axis=1)
-    first = jnp.argmax(failed)
-    found = failed[first]
-    high = x[first]
-    low = jnp.where(first == 0, start, x[jnp.maximum(first - 1, 0)])
+    top = scan.last
+    after = jnp.minimum(top + 1, CELLS)
+    y_top = scan.y[top]
+    # The first point that is tried is x[top] itself, where rounding alone decides which value is higher.
+    clearly_after = scan.x[top] + 1e-3 * (scan.x[after] - scan.x[top])
 
-    def refine(k):
-        broken = sampled[first, k] <= 0
-        root = bracketed_root(lambda z: quantities(z)[k], low, high).x
-        return jnp.where(broken, root, jnp.inf)
+    def beyond(x):
+        value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
+        # Lower than the highest sample before it: past the maximum, even where the curve rises again.
+        past = (slope <= 0) | ((x > clearly_after) & ~(value > y_top))
+        return jnp.where(past, jnp.abs(slope), -slope)
 
-    stops = jax.vmap(refine)(jnp.arange(sampled.shape[1]))
-    event = jnp.argmin(stops)
-    # A sample that is NaN breaks no sign: it stops the curve at the last good sample.
-    stop = jnp.where(jnp.isfinite(stops[event]), stops[event], low)
-    return Stop(jnp.where(found, stop, end), jnp.where(found, event, -1))
+    return bracketed_root(beyond, scan.x[jnp.maximum(top - 1, 0)], scan.x[after]).x
 
 
-def crossing(function: Load, target: Scalar, start: Scalar, stop: Scalar) -> tuple[Scalar, Int[Array, ""]]:
-    """x in [start, stop] where a rising `function` equals `target`, and the iterations it took."""
-    root = bracketed_root(lambda x: function(x) - target, start, stop)
-    return lax.stop_gradient(root.x), root.iterations
+def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, stop: Scalar) -> Crossing:
+    """The first x up to `stop` at which `function`, sampled as y(x), takes the value `target`, rising or falling.
+
+    No derivatives pass through.
+    """
+    inside = x <= stop
+    last = jnp.sum(inside) - 1
+    above = y > target
+    crossed = inside & (above != above[0])
+    sampled = jnp.any(crossed)
+    y_stop = function(stop)
+    exists = sampled | ((y_stop > target) != above[0]) | (y_stop == target)
+    k = jnp.argmax(crossed)
+    low = jnp.where(sampled, k - 1, last)
+    high, y_high = jnp.where(sampled, x[k], stop), jnp.where(sampled, y[k], y_stop)
+    sign = jnp.where(above[0], -1.0, 1.0)
+    root = bracketed_root(lambda z: sign * (function(z) - target), x[low], high)
+    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(y_high - y[low]))

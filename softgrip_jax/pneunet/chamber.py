@@ -14,10 +14,11 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import finite, part
+from ..curve_scene import CurveScene
 from ..membrane import InclinedWall, inclined_wall
 from ..numerics.roots import bracketed_root, implicit
 from ..results import Solution, gate
-from ..scene import CurveScene, solve
+from ..scene import solve
 from .finger import PneuNet
 
 Scalar = Float[Array, ""]

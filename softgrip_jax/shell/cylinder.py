@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
 
 from ..checked import positive
-from ..membrane import angle_over_sine, arc_chain, flat_contact_stretch
-from ..numerics.roots import bracketed_root, implicit
+from ..membrane import angle_of_stretch, angle_over_sine, arc_chain, flat_contact_angle
 from .flat_shell import Scalar, ShellScene
 from .free import two_sections
+
+ALMOST_ONE = 1 - 1e-9
+"""sin^2 of half a right turn, short of where its arcsine has no derivative: the membrane is used up long before."""
 
 
 class CylinderState(NamedTuple):
@@ -35,13 +36,13 @@ class CylinderContact(ShellScene):
     Given theta_c, (3.16) with R = a / sin(theta_m) (3.18) is a quadratic in tan(theta_m / 2); then e from (3.15),
     lambda_2 (3.14), lambda_1 (3.19), kappa_2 (3.30), p (2.4). The half width c_a of the contact follows from one more
     scalar root: (3.27) with (3.20), (3.21) is (3.11) with d := gap. Elliptical area (3.28); force p A_c along the
-    normal, force_z its projection (3.29). The model ends where e or a - c_a is used up.
+    normal, force_z its projection (3.29). The model ends where e = 0 or c_a = a, whichever comes first.
     """
 
     radius: Scalar = positive("length")
     gap: Scalar = positive("length")
 
-    OBSERVABLES = {
+    OBSERVABLES: ClassVar = {
         "force": "force",
         "force_z": "force",
         "contact_angle": "angle",
@@ -54,8 +55,17 @@ class CylinderContact(ShellScene):
     }
 
     def geometry(self):
-        zero = jnp.zeros_like(self.gap)
-        return zero, zero + jnp.pi * (1 - 1e-9)
+        a, r, gap = self.shell.a, self.radius, self.gap
+        used_up = taut_angle(self.reach(), a, r, gap)
+        # c_a = a at theta_ma = pi, where (3.11) gives lambda_1 = 1 + pi gap / (2 a); then (3.22), (3.26) backwards.
+        theta_me = angle_of_stretch(1 + 0.5 * jnp.pi * gap / a)
+        sine2 = (a * jnp.tan(0.5 * theta_me) - gap) / (2 * r)  # sin^2(theta_c / 2)
+        covered = 2 * jnp.arcsin(jnp.sqrt(jnp.clip(sine2, 0, ALMOST_ONE)))
+        return jnp.zeros_like(gap), jnp.minimum(used_up, jnp.where(sine2 < ALMOST_ONE, covered, used_up))
+
+    def reach(self) -> Scalar:
+        """Horizontal distance from the axis of the cylinder to the end of the nearest spherical end, at e = 0, m."""
+        return self.shell.b - self.shell.a
 
     def state(self, theta_c: Scalar) -> CylinderState:
         """Everything that follows from the contact angle without a solve."""
@@ -79,28 +89,13 @@ class CylinderContact(ShellScene):
         turned = state.theta_m + angle
         return 1 / state.radius, turned / (state.radius * turned + state.flat)
 
-    def margins(self, angle):
-        state = self.state(angle)
-        # c_a = a at theta_ma = pi, where (3.11) gives 1 + pi gap / (2 a).
-        room = 1 + 0.5 * jnp.pi * self.gap / self.shell.a - state.edge_stretch
-        return jnp.stack([state.flat / self.shell.b, room])
-
     def is_possible(self):
-        return super().is_possible() & (self.shell.b > self.shell.a)
+        return super().is_possible() & (self.reach() > 0)
 
     def half_width(self, state: CylinderState) -> Scalar:
         """c_a: half width of the contact, m."""
-        a, ratio = self.shell.a, self.gap / self.shell.a
-        begin = lax.stop_gradient(2 * jnp.arctan(ratio))
-
-        def excess(theta, args):
-            ratio, stretch = args
-            return flat_contact_stretch(theta, ratio) - stretch
-
-        frozen = lax.stop_gradient((ratio, state.edge_stretch))
-        root = bracketed_root(lambda theta: excess(theta, frozen), begin, jnp.pi + jnp.zeros_like(begin)).x
-        theta_ma = implicit(excess, root, (ratio, state.edge_stretch))
-        return a - self.gap / jnp.tan(0.5 * theta_ma)
+        theta_ma = flat_contact_angle(state.edge_stretch, self.gap / self.shell.a)
+        return self.shell.a - self.gap / jnp.tan(0.5 * theta_ma)
 
     def observe(self, angle, pressure):
         state = self.state(angle)
@@ -155,22 +150,30 @@ class AxialOffset(CylinderContact):
 
     height: Scalar = positive("length")
 
-    OBSERVABLES = CylinderContact.OBSERVABLES | {"flat_length_far": "length", "flat_length_near": "length"}
+    OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"flat_length_far": "length", "flat_length_near": "length"}
 
     def flat_lengths(self, state):
         b = self.shell.b
-        reach = (self.radius + state.radius) * jnp.sin(state.theta_c) + self.shell.a
-        return 2 * b - self.height - reach, self.height - reach
+        used = (self.radius + state.radius) * jnp.sin(state.theta_c) + self.shell.a
+        return 2 * b - self.height - used, self.height - used
 
-    def margins(self, angle):
-        _, room = super().margins(angle)
-        far, near = self.flat_lengths(self.state(angle))
-        return jnp.stack([far / self.shell.b, near / self.shell.b, room])
-
-    def is_possible(self):
-        far, near = self.flat_lengths(self.state(self.geometry()[0]))
-        return super().is_possible() & (far > 0) & (near > 0)
+    def reach(self):
+        return jnp.minimum(self.height, 2 * self.shell.b - self.height) - self.shell.a
 
     def observe(self, angle, pressure):
         far, near = self.flat_lengths(self.state(angle))
         return super().observe(angle, pressure) | {"flat_length_far": far, "flat_length_near": near}
+
+
+def taut_angle(reach: Scalar, a: Scalar, radius: Scalar, gap: Scalar) -> Scalar:
+    """theta_c where a straight length e is used up: reach = (r + R) sin theta_c with (3.16), (3.18).
+
+    With t = tan(theta_m / 2), (r + R)^2 = reach^2 + (gap + r + R cos theta_m)^2 becomes the quadratic
+    a (2 r + gap) t^2 - k t - a gap = 0, k = reach^2 + gap^2 + 2 gap r - a^2, with one positive root.
+    """
+    first = a * (2 * radius + gap)
+    k = reach**2 + gap**2 + 2 * gap * radius - a**2
+    root = jnp.sqrt(k**2 + 4 * first * a * gap)
+    # The form without cancellation for either sign of k.
+    t = jnp.where(k > 0, (k + root) / (2 * first), 2 * a * gap / (root - jnp.where(k > 0, 0.0, k)))
+    return jnp.arctan2(reach, gap + radius + a * (1 - t**2) / (2 * t))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jax import lax
 
@@ -21,7 +23,7 @@ class FlatContact(ShellScene):
 
     distance: Scalar = positive("length")
 
-    OBSERVABLES = {
+    OBSERVABLES: ClassVar = {
         "force": "force",
         "contact_area": "area",
         "contact_half_width": "length",
@@ -83,7 +85,7 @@ class InclinedContact(ShellScene):
     distance: Scalar = positive("length")
     angle: Scalar = right_angle()
 
-    OBSERVABLES = {
+    OBSERVABLES: ClassVar = {
         "force": "force",
         "contact_area": "area",
         "contact_width": "length",

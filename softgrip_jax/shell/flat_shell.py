@@ -10,10 +10,10 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, is_concrete, part, positive
+from ..curve_scene import CurveScene
 from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
-from ..scene import CurveScene
 
 Scalar = Float[Array, ""]
 
@@ -88,7 +88,7 @@ class ShellScene(CurveScene):
         return self.ENDLESS | (self.stretchable(self.geometry()[1]) <= 0)
 
     def is_possible(self):
-        possible = self.shell.b >= self.shell.a
+        possible = (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
         if has_largest_stretch(self.shell.material):
             possible &= self.stretchable(self.geometry()[0]) > 0
         return possible
@@ -106,5 +106,5 @@ LOCKING_MARGIN = 1e-9
 def locking_angle(stretchable: Callable[[Scalar], Scalar], start: Scalar, end: Scalar) -> Scalar:
     """The last angle in [start, end] that the material can reach; no derivatives (the pressure there is infinite)."""
     start, end = lax.stop_gradient((start, end))
-    lock = bracketed_root(lambda angle: lax.stop_gradient(stretchable(angle)), start, end).x
+    lock = bracketed_root(lambda angle: -lax.stop_gradient(stretchable(angle)), start, end).x
     return jnp.where(stretchable(end) > 0, end, start + (1 - LOCKING_MARGIN) * (lock - start))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 
 from ..membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
@@ -18,14 +20,14 @@ class Free(ShellScene):
     lambda_2 from (3.1), p from (3.7), inflation delta = a tan(theta/2) (3.6).
     """
 
-    OBSERVABLES = {
+    OBSERVABLES: ClassVar = {
         "inflation": "length",
         "stretch": "number",
         "length_stretch": "number",
         "clamp_angle": "angle",
     }
-    CONTACT = False
-    ENDLESS = True
+    CONTACT: ClassVar = False
+    ENDLESS: ClassVar = True
 
     def geometry(self):
         zero = jnp.zeros_like(self.shell.a)
@@ -74,7 +76,7 @@ class Plate(Free):
     E = 3 mu (incompressible, nu = 1/2); C(a/b) from `plate_coefficient`. No limit point. Holds for delta << a.
     """
 
-    OBSERVABLES = {"inflation": "length"}
+    OBSERVABLES: ClassVar = {"inflation": "length"}
 
     def load(self, angle):
         shell = self.shell

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -57,7 +59,7 @@ class Grasp(CylinderContact):
     lever: str = choice("exact", "rim", default="exact")
     fingers: int = eqx.field(static=True, default=2)
 
-    OBSERVABLES = CylinderContact.OBSERVABLES | {
+    OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {
         "height": "length",
         "required_force": "force",
         "tilt_resistance": "moment",

@@ -1,0 +1,132 @@
+"""Scenes with one unknown: the pressure is an explicit function of an angle, so every question is a scalar root."""
+
+from __future__ import annotations
+
+import abc
+from typing import ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float
+
+from .checked import admissible
+from .numerics.curves import Scan, first_crossing, first_maximum, scan_curve, slope_of
+from .numerics.roots import implicit
+from .results import Status, gate
+from .scene import Found, Scene, frozen
+
+Scalar = Float[Array, ""]
+
+
+class Climb(NamedTuple):
+    """The rising part of a scene's load curve, values only."""
+
+    scan: Scan
+    stop: Scalar
+    """The angle where it ends: the first maximum of the load, or the end of the interval."""
+    possible: Bool[Array, ""]
+
+
+class CurveScene(Scene):
+    """A scene whose pressure is an explicit function of one angle: every question is one scalar root.
+
+    An author gives `interval`, `load` and `observe`. The pressure rises with the angle up to the first limit point,
+    or to the end of the interval: that is where equilibrium under pressure control ends.
+    """
+
+    CONTACT: ClassVar[bool] = True
+    """Whether the angle starts where something is first touched (a lower pressure is then NO_CONTACT)."""
+
+    @abc.abstractmethod
+    def interval(self) -> tuple[Scalar, Scalar]:
+        """The angles where the state begins and where its model ends; the end with its derivatives."""
+
+    @abc.abstractmethod
+    def load(self, angle: Scalar) -> Scalar:
+        """The pressure that holds the scene at this angle, Pa."""
+
+    @abc.abstractmethod
+    def pressure_scale(self) -> Scalar:
+        """A pressure typical of the design, Pa: makes the residual a pure number."""
+
+    def unbounded(self) -> Bool[Array, ""]:
+        """True where the load grows without bound towards the end of the interval: there is then no limit."""
+        return jnp.asarray(False)
+
+    def residual(self, unknowns, pressure):
+        return (self.load(unknowns) - pressure) / (self.pressure_scale() + jnp.abs(pressure))
+
+    def climb(self) -> Climb:
+        """Look at the load curve once; every question starts from this."""
+        start, end = self.interval()
+        scan = scan_curve(self.load, start, end)
+        stop = jnp.where(scan.falls, first_maximum(self.load, scan), end)
+        return Climb(scan, stop, admissible(self) & self.is_possible() & (start < end))
+
+    def find(self, pressure):
+        scan, stop, possible = self.climb()
+        start, low = scan.x[0], scan.y[0]
+        crossing = first_crossing(self.load, pressure, scan.x, scan.y, stop)
+        status = jnp.where(crossing.exists, Status.OK, Status.BEYOND_LIMIT)
+        status = jnp.where(pressure <= low, Status.NO_CONTACT if self.CONTACT else Status.OK, status)
+        angle = jnp.where(pressure <= low, start, crossing.x)
+        possible &= (pressure >= 0) & (pressure < jnp.inf)
+        return Found(angle, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), crossing.iterations)
+
+    def find_limit(self):
+        scan, stop, possible = self.climb()
+        endless = self.unbounded() & ~scan.falls
+        pressure = jnp.where(endless, jnp.inf, self.load(stop))
+        status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
+        return Found(stop, pressure, status, scan.falls.astype(int))
+
+    def limit_pressure_from(self, found):
+        at_peak = found.iterations == 1
+        ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
+        scene = gate(ok, self)
+        peak = implicit(lambda angle, scene: slope_of(scene.load)(angle), found.unknowns, scene)
+        pressure = scene.load(jnp.where(at_peak, peak, scene.interval()[1]))
+        return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
+
+    def solve_for(self, name, target):
+        fixed, value = frozen((self, target))
+
+        def wanted(scene, angle):
+            return scene.observe(angle, scene.load(angle))[name]
+
+        scan, stop, possible = fixed.climb()
+        start = scan.x[0]
+        seen = jax.vmap(lambda angle: wanted(fixed, angle))(scan.x)
+        crossing = first_crossing(lambda angle: wanted(fixed, angle), value, scan.x, seen, stop)
+        at_start = value == seen[0]
+        angle = jnp.where(at_start, start, crossing.x)
+        # A value on the far side of the one at the start, seen from where the curve goes, belongs to no state of it.
+        before = (value - seen[0]) * (wanted(fixed, stop) - seen[0]) <= 0
+        status = jnp.where(before, Status.NO_CONTACT if self.CONTACT else Status.IMPOSSIBLE, Status.BEYOND_LIMIT)
+        reached = crossing.exists & ~at_start if self.CONTACT else crossing.exists | at_start
+        status = jnp.where(reached, Status.OK, status)
+        status = jnp.where(possible & jnp.isfinite(value), status, Status.IMPOSSIBLE)
+
+        # Rounding of the observable is relative to its change over a cell, where the value itself may be zero.
+        scale = lax.stop_gradient(jnp.abs(value) + crossing.scale)
+        mismatch = (wanted(fixed, angle) - value) / jnp.where(scale > 0, scale, 1.0)
+        found = fixed.settled(Found(angle, fixed.load(angle), status, crossing.iterations, mismatch))
+        scene, target = gate(found.status == Status.OK, (self, target))
+        angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (scene, target))
+        pressure = scene.load(angle)
+        solution = scene._report(angle, pressure, found)
+        no_answer = jnp.where(status == Status.NO_CONTACT, scan.y[0], jnp.nan)
+        return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
+
+    def branch(self, n):
+        start, end = self.interval()
+
+        def at(fraction):
+            angle = start + fraction * (end - start)
+            pressure = self.load(angle)
+            status = jnp.where(jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
+            return self._report(angle, pressure, Found(angle, pressure, status, jnp.asarray(0)))
+
+        # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
+        return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))
