@@ -1,0 +1,302 @@
+"""What is wanted of the solutions: quantities, goals and limits, all scaled to pure numbers.
+
+A quantity is an observable of one scene in one state. A state is named by what is asked of the library:
+
+    at=31e3               sg.solve(scene, 31e3): at that pressure, Pa
+    at="required"         sg.pressure_for(scene): at the pressure that the scene's own task needs
+    at=("force", 2.0)     sg.pressure_for(scene, force=2.0)
+
+Besides the scene's own observables each state has "pressure" and "limit_margin" (limit pressure over pressure), and
+each scene, without a state, "limit_pressure".
+
+A design without equilibrium has no observables. It has a shortfall instead: a positive pure number, differentiable,
+that says how far the design is from an equilibrium, so that a search can climb back (see `_shortfall`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+import softgrip_jax as sg
+from softgrip_jax.results import Solution, Status, in_units
+from softgrip_jax.scene import Scene
+
+from .variables import Scenes, Space
+
+Scalar = Float[Array, ""]
+State = float | str | tuple[str, float] | None
+
+REQUIRED = "required"
+LIMIT_PRESSURE = "limit_pressure"
+LIMIT_MARGIN = "limit_margin"
+
+NEAR_LIMIT = 0.95
+"""Where a task is out of reach, what the scene can do is judged at this part of its limit pressure: at the limit itself
+the derivatives are infinite. It also makes the shortfall jump above zero, so that it pushes up to the last step."""
+
+NO_LIMIT_MARGIN = 1e6
+"""`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """An observable of `scene` (may be left out where there is one scene) in a state `at` (see above)."""
+
+    observable: str
+    at: State = None
+    scene: str = ""
+
+    def label(self) -> str:
+        """For tables: 'pressure at required', 'tip_angle at 31 kPa'."""
+        where = f"{self.scene}." if self.scene else ""
+        if self.at is None:
+            return f"{where}{self.observable}"
+        if isinstance(self.at, tuple):
+            state = f"{self.at[0]} {self.at[1]:g}"
+        else:
+            state = self.at if isinstance(self.at, str) else f"{self.at / sg.units.kPa:g} kPa"
+        return f"{where}{self.observable} at {state}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Goal:
+    """One term of the objective: weight * sense * value / scale, or weight * ((value - target) / scale)^2.
+
+    kind: "minimise", "maximise" or "reach" (with a target in SI). scale: in SI; by default the size of the value at the
+    starting design (of the target, for "reach"), so that weights compare relative changes.
+    """
+
+    kind: str
+    quantity: Quantity
+    target: float | None = None
+    weight: float = 1.0
+    scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("minimise", "maximise", "reach"):
+            raise ValueError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
+        if (self.kind == "reach") != (self.target is not None):
+            raise ValueError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
+
+    def term(self, value: Scalar, scale: Scalar) -> Scalar:
+        if self.kind == "reach":
+            return self.weight * ((value - self.target) / scale) ** 2
+        return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """Keep a quantity within low <= value <= high (SI; either may be left out).
+
+    scale: in SI; by default the size of each bound (of the value at the starting design where the bound is zero).
+    """
+
+    quantity: Quantity
+    low: float | None = None
+    high: float | None = None
+    scale: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.low is None and self.high is None:
+            raise ValueError(f"The constraint on {self.quantity.label()} has no bound; give low, high or both.")
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"The constraint on {self.quantity.label()}: low must be below high.")
+
+    def sides(self) -> list[tuple[int, float]]:
+        """(sign, bound) of each one-sided constraint sign * (value - bound) / scale <= 0."""
+        return [(sign, bound) for sign, bound in ((-1, self.low), (1, self.high)) if bound is not None]
+
+
+class Scales(NamedTuple):
+    """SI values that make goals and limits pure numbers."""
+
+    goals: tuple[float, ...]
+    limits: tuple[float, ...]
+
+
+class Measured(NamedTuple):
+    """What one design does, before anything is wanted of it."""
+
+    values: Float[Array, " q"]
+    """Every quantity in SI, in the order of `Problem.quantities`; NaN where there is none."""
+    shortfall: Scalar
+    """0 where every state has its equilibrium; else how far it is missing, summed over the states."""
+    statuses: Int[Array, " s"]
+
+
+class Judged(NamedTuple):
+    """What that is worth: pure numbers."""
+
+    objective: Scalar
+    violations: Float[Array, " m"]
+    """Each one-sided constraint: positive where it is broken, 0 where its state has no equilibrium."""
+
+
+class Problem:
+    """Variables, goals and limits over some scenes.
+
+    `measure` holds the physics and is what takes time, to compile and to run; `judge` holds what is wanted and is
+    cheap, so that bounds, targets and weights can change without a new compilation.
+    """
+
+    def __init__(self, space: Space, goals: Sequence[Goal], limits: Sequence[Limits] = ()):
+        if not goals:
+            raise ValueError("There is no goal; say what to minimise, maximise or reach.")
+        self.space, scenes = space, space.scenes
+        self.goals = tuple(dataclasses.replace(g, quantity=_named(g.quantity, scenes)) for g in goals)
+        self.limits = tuple(dataclasses.replace(c, quantity=_named(c.quantity, scenes)) for c in limits)
+        self.quantities = list(dict.fromkeys(item.quantity for item in (*self.goals, *self.limits)))
+        self.kinds = [_kind(q, scenes) for q in self.quantities]
+        self.states = list(dict.fromkeys((q.scene, q.at) for q in self.quantities))
+        self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
+        """(index of the quantity, sign, bound, scale) of every one-sided constraint, in the order of the violations."""
+
+    def measure(self, t: Float[Array, " n"]) -> Measured:
+        """The design at unit values t: every quantity that any goal or limit needs, each state solved once."""
+        scenes = self.space.scenes_at(self.space.from_unit(t))
+        limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(name for name, _ in self.states)}
+        values: list[Any] = [None] * len(self.quantities)
+        statuses, shortfalls = [], []
+        for name, at in self.states:
+            scene, limit = scenes[name], limits[name]
+            solution = None if at is None else _solution(scene, at)
+            status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE) if solution is None else solution.status
+            statuses.append(status)
+            shortfalls.append(_shortfall(scene, at, status, limit))
+            for k, quantity in enumerate(self.quantities):
+                if (quantity.scene, quantity.at) == (name, at):
+                    values[k] = jnp.where(status == Status.OK, _value(quantity.observable, solution, limit), jnp.nan)
+        # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by: the way back is
+        # towards the starting design.
+        home = self.space.inside(self.space.to_unit(self.space.reference))
+        lost = 1 + jnp.mean((t - home) ** 2)
+        good, missing = jnp.stack(statuses) == Status.OK, jnp.stack(shortfalls)
+        missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
+        return Measured(jnp.stack(values), jnp.sum(missing), jnp.stack(statuses))
+
+    def measure_with_slopes(self, t: Float[Array, " n"]) -> tuple[Measured, Measured]:
+        """`measure` and its derivatives by t (of values and shortfall), all variables in one forward pass.
+
+        Finding an equilibrium costs far more than differentiating it, and forward mode shares the finding.
+        """
+
+        def split(t):
+            found = self.measure(t)
+            return found[:2], found
+
+        slopes, found = jax.jacfwd(split, has_aux=True)(t)
+        return found, Measured(*slopes, found.statuses)
+
+    def judge(self, values: Float[Array, " q"], scales: Scales) -> Judged:
+        """Goals and limits from the quantities."""
+        known = jnp.isfinite(values)
+        safe = jnp.where(known, values, 1.0)
+        objective = jnp.asarray(0.0)
+        for goal, scale in zip(self.goals, scales.goals, strict=True):
+            k = self.quantities.index(goal.quantity)
+            objective += jnp.where(known[k], goal.term(safe[k], scale), 0.0)
+        violations = [
+            jnp.where(known[k], sign * (safe[k] - bound) / scale, 0.0)
+            for (k, sign, bound, _), scale in zip(self.sides, scales.limits, strict=True)
+        ]
+        return Judged(objective, jnp.stack(violations) if violations else jnp.zeros(0))
+
+    def scales(self, at_start: Any) -> Scales:
+        """What makes every goal and limit a pure number; `at_start`: the quantities of the starting design, SI."""
+
+        def size(quantity: Quantity) -> float:
+            value = abs(float(at_start[self.quantities.index(quantity)]))
+            if not (np.isfinite(value) and value > 0):
+                raise ValueError(
+                    f"{quantity.label()} is {value:g} at the starting design, which gives it no scale; state one."
+                )
+            return value
+
+        return Scales(
+            tuple(g.scale or (abs(g.target) if g.target else size(g.quantity)) for g in self.goals),
+            tuple(scale or abs(bound) or size(self.quantities[k]) for k, _, bound, scale in self.sides),
+        )
+
+    def constraint_labels(self) -> list[str]:
+        """One name per violation: 'limit_margin at required >= 1.25'."""
+        labels = []
+        for k, sign, bound, _ in self.sides:
+            quantity = self.quantities[k]
+            relation = "at least" if sign < 0 else "at most"
+            labels.append(f"{quantity.label()} {relation} {in_units(bound, self.kinds[k])}")
+        return labels
+
+
+def _solution(scene: Scene, at: State) -> Solution:
+    if isinstance(at, tuple):
+        return sg.pressure_for(scene, **{at[0]: at[1]})
+    return sg.pressure_for(scene) if at == REQUIRED else sg.solve(scene, at)
+
+
+def _value(observable: str, solution: Solution | None, limit: Scalar) -> Array:
+    if observable == LIMIT_PRESSURE:
+        return limit
+    assert solution is not None
+    if observable == LIMIT_MARGIN:
+        bounded = jnp.isfinite(limit)
+        return jnp.where(bounded, jnp.where(bounded, limit, 1.0) / solution.pressure, NO_LIMIT_MARGIN)
+    return solution.pressure if observable == "pressure" else solution.observables[observable]
+
+
+def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar) -> Scalar:
+    """How far a state is beyond the limit of its scene, a pure number; NaN where the limit says nothing about it.
+
+    At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by.
+    For a task: 1 - y / target, with y what the scene reaches at NEAR_LIMIT times its limit pressure.
+    """
+    beyond = (status == Status.BEYOND_LIMIT) & jnp.isfinite(limit)
+    safe = jnp.where(beyond, limit, 1.0)
+    if at is None:
+        return jnp.where(status == Status.OK, 0.0, jnp.nan)
+    if not isinstance(at, tuple | str):
+        return jnp.where(beyond, 1 / NEAR_LIMIT - safe / at, jnp.nan)
+    name, target = at if isinstance(at, tuple) else scene.target()
+    # Lanes that are not in need solve at no pressure, which costs nothing and passes no gradient.
+    near = sg.solve(scene, jnp.where(beyond, NEAR_LIMIT * safe, 0.0))
+    reached = beyond & (near.status == Status.OK)
+    return jnp.where(reached, 1 - jnp.where(reached, near.observables[name], 0.0) / target, jnp.nan)
+
+
+def _named(quantity: Quantity, scenes: Scenes) -> Quantity:
+    """The same with its scene and observable checked, and the scene filled in."""
+    if not quantity.scene and len(scenes) == 1:
+        quantity = dataclasses.replace(quantity, scene=next(iter(scenes)))
+    if quantity.scene not in scenes:
+        raise ValueError(
+            f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
+        )
+    _kind(quantity, scenes)
+    at = quantity.at
+    if isinstance(at, str) and at != REQUIRED:
+        raise ValueError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
+    return quantity
+
+
+def _kind(quantity: Quantity, scenes: Scenes) -> str:
+    """Kind of quantity (key of units.DISPLAY); a ValueError where the scene has no such observable in that state."""
+    name = quantity.observable
+    observables = type(scenes[quantity.scene]).OBSERVABLES
+    if quantity.at is None:
+        if name == LIMIT_PRESSURE:
+            return "pressure"
+        raise ValueError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
+    if name == "pressure":
+        return "pressure"
+    if name == LIMIT_MARGIN:
+        return "number"
+    if name not in observables:
+        known = ", ".join([*observables, "pressure", LIMIT_MARGIN])
+        raise ValueError(f"{type(scenes[quantity.scene]).__name__} has no observable {name!r}; it has: {known}.")
+    return observables[name]

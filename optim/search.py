@@ -1,0 +1,382 @@
+"""Many starts at once: first-order steps on all of them, then a second-order finish on the best distinct ones.
+
+1. Starts: a scrambled Sobol set over the unit cube, and the design that the search starts from.
+2. Every lane minimises its augmented Lagrangian (Powell, Hestenes, Rockafellar) with an optax optimiser in the free
+   variables of `variables.py`. A lane without equilibrium descends its shortfall until it has one. A lane that has come
+   to rest stops, and the lanes that are left are packed together, so it costs nothing any more.
+3. The best lanes of each region are finished by sequential quadratic programming (Kraft's SLSQP, in SciPy), which
+   lands on the active constraints and bounds to the last digits.
+
+The physics is compiled once, for a chunk of lanes, with all derivatives; starts, steps, finish and report share it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array, Bool, Float, Int
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from softgrip_jax.results import Status
+
+from .objectives import Problem, Scales
+from .variables import to_free, to_unit
+
+OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
+"""optax optimisers that need nothing but a gradient and a learning rate."""
+
+FEASIBLE = 1e-6
+"""A design is feasible when no scaled constraint is broken by more than this: a millionth of its bound."""
+
+ACTIVE = 1e-4
+"""A constraint or a bound is called active within this (scaled): ten times the spread of finished designs."""
+
+PERIOD = 10
+"""Steps between two updates of the multipliers: the optimiser settles a little in between."""
+
+PENALTY, PENALTY_GROWTH, PENALTY_MAX = 10.0, 2.0, 1e4
+"""Of the augmented Lagrangian: with pure numbers of order one, 10 bends the objective's slope back within a tenth of a
+bound. It grows while the violation does not halve between two updates."""
+
+NEARLY = 1e-2
+"""The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
+multipliers approach a constraint from its broken side, and the finish removes what is left."""
+
+AT_REST = 2e-3
+"""A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps: it is in
+the basin of its optimum, and the finish does the rest."""
+
+FINAL_RATE = 0.02
+"""The learning rate falls along a cosine to this part of its start."""
+
+STEEPEST = 1.0
+"""Slopes are cut to this length: a design far outside of a constraint would else fill the memory of the optimiser with
+a slope hundreds of times that of the objective, and hardly move for long after it is back."""
+
+FINISHED = 16
+"""Lanes that are finished by SLSQP: the best of as many regions of the cube."""
+
+REGION, DISTINCT = 0.05, 0.01
+"""Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
+
+CPU_CHUNK = 16
+"""Lanes per call on a CPU, where a lane alone costs as much as a lane in a batch: small, so that the finish, which asks
+for one at a time, wastes little. Elsewhere a chunk holds all the starts."""
+
+_LOST = 1e6
+"""Added to the rank of infeasible designs (once) and of designs without equilibrium (twice): feasible ones come first."""
+
+
+class Found(NamedTuple):
+    """What is known of designs, each array with one row per design."""
+
+    values: Float[np.ndarray, "k q"]
+    value_slopes: Float[np.ndarray, "k q n"]
+    shortfall: Float[np.ndarray, " k"]
+    shortfall_slopes: Float[np.ndarray, "k n"]
+    statuses: Int[np.ndarray, "k s"]
+
+
+class Evaluator:
+    """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves."""
+
+    def __init__(self, problem: Problem, chunk: int):
+        self.chunk, self.solves = chunk, 0
+        self._compiled = jax.jit(jax.vmap(problem.measure_with_slopes))
+
+    def __call__(self, t: Any) -> Found:
+        t = np.atleast_2d(np.asarray(t, dtype=float))
+        self.solves += len(t)
+        parts = []
+        for start in range(0, len(t), self.chunk):
+            rows = t[start : start + self.chunk]
+            missing = self.chunk - len(rows)
+            parts.append(self._compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)]))))
+        found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
+        return Found(found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses)
+
+
+class Lane(NamedTuple):
+    """One descent: what it carries from step to step."""
+
+    u: Float[Array, " n"]
+    memory: Any
+    """Of the optimiser."""
+    multipliers: Float[Array, " m"]
+    penalty: Float[Array, ""]
+    last_violation: Float[Array, ""]
+    rest: Int[Array, ""]
+    best_t: Float[Array, " n"]
+    best_rank: Float[Array, ""]
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """One design and how good it is."""
+
+    t: np.ndarray
+    x: np.ndarray
+    """Variables in SI, in the order of `Space.names`."""
+    values: np.ndarray
+    """Quantities in SI, in the order of `Problem.quantities`."""
+    objective: float
+    violations: np.ndarray
+    """Scaled, one per constraint; negative is room."""
+    statuses: tuple[Status, ...]
+    feasible: bool
+    rank: float
+    active: tuple[str, ...]
+    """Names of the constraints and bounds that hold it where it is."""
+
+    @property
+    def violation(self) -> float:
+        """The largest scaled violation, 0 where every constraint is kept."""
+        return float(max(0.0, np.max(self.violations, initial=0.0)))
+
+
+@dataclasses.dataclass(frozen=True)
+class SearchResult:
+    """Everything that a search found."""
+
+    problem: Problem
+    reference: Design
+    """The design that the search started from."""
+    designs: list[Design]
+    """Distinct designs, the best first; infeasible ones only where nothing feasible was found."""
+    history: dict[str, np.ndarray]
+    """Per step: best_objective so far, and how many lanes are with_equilibrium, feasible (so far, to NEARLY), moving."""
+    solves: int
+    """Designs evaluated, each with its derivatives."""
+    seconds: dict[str, float]
+
+    @property
+    def best(self) -> Design:
+        return self.designs[0]
+
+
+def search(
+    problem: Problem,
+    *,
+    starts: int = 256,
+    steps: int = 150,
+    optimiser: str = "adam",
+    learning_rate: float = 0.1,
+    seed: int = 0,
+    report: Callable[[int, float, int, int], None] | None = None,
+) -> SearchResult:
+    """The best distinct feasible designs of a problem. The same seed on the same machine gives the same answer.
+
+    Args:
+        problem: variables, goals and limits.
+        starts: number of lanes.
+        steps: of the optimiser at most; lanes at rest stop before.
+        optimiser: name of an optax optimiser, see OPTIMISERS.
+        learning_rate: in free variables, whose range is pi.
+        seed: of the Sobol set.
+        report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
+    """
+    if optimiser not in OPTIMISERS:
+        raise ValueError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
+    for name, number in (("starts", starts), ("steps", steps)):
+        if number < 1:
+            raise ValueError(f"{name} is {number}; it must be 1 or more.")
+    space, began = problem.space, time.perf_counter()
+    evaluate = Evaluator(problem, min(starts, CPU_CHUNK) if jax.default_backend() == "cpu" else starts)
+    reference_t = space.to_unit(space.reference)
+    at_reference = evaluate(reference_t)
+    compiled = time.perf_counter()
+    scales = problem.scales(at_reference.values[0])
+    judge = jax.jit(lambda values: problem.judge(values, scales))
+
+    rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
+    rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
+    lanes, history = _descend(problem, scales, evaluate, rule, _starts(space.inside(reference_t), starts, seed), steps, report)
+    descended = time.perf_counter()
+
+    candidates = np.asarray(lanes.best_t)[_distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]]
+    finished = np.stack([_finish(t, evaluate, problem, scales) for t in candidates])
+    # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
+    both = zip(_designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True)
+    designs = [after if after.rank <= before.rank else before for after, before in both]
+    order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
+    chosen = [designs[k] for k in order]
+    if chosen[0].feasible:
+        chosen = [d for d in chosen if d.feasible]
+    return SearchResult(
+        problem,
+        _designs(problem, judge, evaluate, reference_t[None])[0],
+        chosen,
+        history,
+        evaluate.solves,
+        {
+            "compile": compiled - began,
+            "descend": descended - compiled,
+            "finish": time.perf_counter() - descended,
+        },
+    )
+
+
+def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
+    """The reference and a scrambled Sobol set, unit values, shape (starts, n)."""
+    power = int(np.ceil(np.log2(max(starts, 2))))
+    points = qmc.Sobol(len(reference), scramble=True, rng=seed).random_base2(power)
+    return np.concatenate([reference[None], points])[:starts]
+
+
+def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, dict[str, np.ndarray]]:
+    """All lanes to rest, or to the last step."""
+    advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
+    count, u = len(t), to_free(t)
+    m = len(problem.sides)
+    lanes = Lane(
+        u,
+        jax.vmap(rule.init)(u),
+        jnp.zeros((count, m)),
+        jnp.full(count, PENALTY),
+        jnp.full(count, jnp.inf),
+        jnp.zeros(count, int),
+        jnp.asarray(t),
+        jnp.full(count, jnp.inf),
+    )
+    moving = np.arange(count)
+    found = None
+    rows = []
+    for step in range(steps):
+        fresh = evaluate(to_unit(lanes.u[moving]))
+        # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
+        found = fresh if found is None else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
+        lanes = advance(lanes, found, step)
+        moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
+        rank = np.asarray(lanes.best_rank)
+        best = rank.min()
+        feasible = int(np.sum(rank < 0.5 * _LOST))
+        equilibrium = int(np.sum(found.shortfall == 0))
+        rows.append((best if feasible else np.nan, equilibrium, feasible, len(moving)))
+        if report:
+            report(step + 1, rows[-1][0], feasible, len(moving))
+        if not len(moving):
+            break
+    names = ("best_objective", "with_equilibrium", "feasible", "moving")
+    return lanes, dict(zip(names, np.array(rows).T, strict=True))
+
+
+def _replaced(old: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+    old = old.copy()
+    old[rows] = new
+    return old
+
+
+def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found, step: Any) -> Lane:
+    """One step of one lane, from what was found at its u."""
+    judged = problem.judge(found.values, scales)
+    slopes = jax.jacfwd(partial(problem.judge, scales=scales))(found.values)
+    in_equilibrium = found.shortfall == 0
+    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * judged.violations)
+    objective_slope = slopes.objective @ found.value_slopes
+    downhill = jnp.where(in_equilibrium, objective_slope, found.shortfall_slopes)
+    downhill += pull @ (slopes.violations @ found.value_slopes)
+    updates, memory = rule.update(downhill * 0.5 * jnp.cos(lane.u), lane.memory, lane.u)
+    u = optax.apply_updates(lane.u, updates)
+
+    violation = jnp.max(judged.violations, initial=0.0)
+    rank = _rank(judged.objective + PENALTY * violation, violation, found.shortfall, NEARLY)
+    better = rank < lane.best_rank
+    due = in_equilibrium & (step % PERIOD == PERIOD - 1)
+    stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * lane.last_violation))
+    t, moved = to_unit(lane.u), jnp.max(jnp.abs(to_unit(u) - to_unit(lane.u)))
+    resting = in_equilibrium & (moved < AT_REST) & (violation < NEARLY)
+    done = lane.rest >= PERIOD
+    new = Lane(
+        u,
+        memory,
+        jnp.where(due, pull, lane.multipliers),
+        jnp.where(stubborn, jnp.minimum(PENALTY_GROWTH * lane.penalty, PENALTY_MAX), lane.penalty),
+        jnp.where(due, violation, lane.last_violation),
+        jnp.where(resting, lane.rest + 1, 0),
+        jnp.where(better, t, lane.best_t),
+        jnp.where(better, rank, lane.best_rank),
+    )
+    return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), lane, new)
+
+
+def _rank(objective, violation, shortfall, tolerance=FEASIBLE):
+    """Feasible designs by objective, then infeasible ones by violation, then those without equilibrium."""
+    rank = jnp.where(violation <= tolerance, objective, _LOST + violation)
+    return jnp.where(shortfall == 0, rank, 2 * _LOST + shortfall)
+
+
+def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
+    """Rows in order of rank, without those that are within `radius` of a better one in every variable."""
+    kept: list[int] = []
+    for k in np.argsort(rank, kind="stable"):
+        if all(np.max(np.abs(t[k] - t[j])) > radius for j in kept):
+            kept.append(int(k))
+    return kept
+
+
+def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales) -> np.ndarray:
+    """The local optimum near t, on its active constraints and bounds, by SLSQP with exact slopes."""
+    judge = jax.jit(lambda values: (problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values)))
+    seen: dict[bytes, tuple[float, np.ndarray, np.ndarray, np.ndarray]] = {}
+
+    def look(t):
+        key = t.tobytes()
+        if key not in seen:
+            found = evaluate(t)
+            judged, slopes = judge(found.values[0])
+            objective, by_value = float(judged.objective), np.asarray(slopes.objective)
+            violations, pushes = np.asarray(judged.violations), np.asarray(slopes.violations)
+            by_t = found.value_slopes[0]
+            if found.shortfall[0] > 0:
+                seen[key] = (_LOST * (1 + found.shortfall[0]), 0 * t, violations + 1, 0 * pushes @ by_t)
+            else:
+                seen[key] = (objective, by_value @ by_t, violations, pushes @ by_t)
+        return seen[key]
+
+    constraints = [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if problem.sides else []
+    found = minimize(
+        lambda t: look(t)[0],
+        t,
+        jac=lambda t: look(t)[1],
+        bounds=[(0.0, 1.0)] * len(t),
+        constraints=constraints,
+        method="SLSQP",
+        options={"maxiter": 60, "ftol": 1e-12},
+    )
+    return np.clip(found.x, 0.0, 1.0)
+
+
+def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
+    """The designs at rows of t, judged."""
+    found, space, designs = evaluate(t), problem.space, []
+    labels = problem.constraint_labels()
+    for k, row in enumerate(t):
+        judged = judge(found.values[k])
+        violations = np.asarray(judged.violations)
+        rank = float(_rank(judged.objective, np.max(violations, initial=0.0), found.shortfall[k]))
+        active = [label for label, v in zip(labels, violations, strict=True) if abs(v) < ACTIVE]
+        active += [f"{name} at its lower bound" for name, v in zip(space.names, row, strict=True) if v < ACTIVE]
+        active += [f"{name} at its upper bound" for name, v in zip(space.names, row, strict=True) if v > 1 - ACTIVE]
+        designs.append(
+            Design(
+                row,
+                np.asarray(space.from_unit(row)),
+                found.values[k],
+                float(judged.objective),
+                violations,
+                tuple(Status(int(s)) for s in found.statuses[k]),
+                rank < 0.5 * _LOST,
+                rank,
+                tuple(active),
+            )
+        )
+    return designs
