@@ -37,8 +37,9 @@ def to_float_array(value: Any) -> Any:
     """Numbers, arrays and lists of numbers become float arrays; anything else is left for the check to name."""
     listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_number(v) for v in value)
     if listed or _is_number(value):
-        array = jnp.asarray(value)
-        return array if jnp.issubdtype(array.dtype, jnp.inexact) else array.astype(float)
+        dtype = jnp.result_type(value) if isinstance(value, jax.Array | np.ndarray) else float
+        # A type that is named is not weak: a scene made of Python numbers and one made of arrays share one program.
+        return jnp.asarray(value, dtype=dtype if jnp.issubdtype(dtype, jnp.inexact) else float)
     return value
 
 
@@ -120,7 +121,7 @@ class Checked(eqx.Module):
             where = f"{owner}.{field.name}"
             if "rule" in meta:
                 # Placeholders that JAX puts into trees while it rebuilds them carry no numbers to check.
-                if value is None or type(value) is object:
+                if type(value) is object or (value is None and field.default is None):
                     continue
                 require(where, value, meta["rule"], meta["kind"])
                 if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):

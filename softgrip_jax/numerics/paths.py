@@ -1,0 +1,274 @@
+"""Equilibrium paths residual(y, load) = 0 by arc length: goals, limit points, and the curve through them.
+
+A path is followed from a known point in the direction of growing load, so what is found is on the branch connected to
+that point and on no other. Points are vectors u = (y, load), scaled by the caller so that each entry is of order one.
+No derivatives pass through (see roots.implicit).
+
+One loop does everything (steps, the search for a limit point, the last step to the goal) with one corrector in its
+body: the residual and its Jacobian are compiled once, which for a beam is what users wait for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from .roots import solve_small
+
+Vector = Float[Array, " n"]
+Scalar = Float[Array, ""]
+Residual = Callable[[Vector], Vector]
+"""u of size n + 1 -> n equations."""
+Goal = Callable[[Vector], Scalar]
+"""u -> a number that rises through zero where the search ends."""
+
+FIRST_STEP = 0.05
+LARGEST_STEP = 0.5
+SMALLEST_STEP = 1e-7
+"""Arc lengths in scaled units: a twentieth of a typical load to start with; below 1e-7 a path counts as ended."""
+MAX_STEPS = 400
+NEWTON_STEPS = 8
+"""A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
+TURN = 0.9
+"""Cosine of the largest turn of the tangent in one step (26 degrees): keeps a step from jumping between branches."""
+FLAT = 1e-10
+"""Load component of the tangent that counts as a limit point: its load is then right to 1e-20."""
+
+STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
+
+
+class Point(NamedTuple):
+    """A point of a path with its unit tangent."""
+
+    u: Vector
+    tangent: Vector
+
+
+class Corrected(NamedTuple):
+    """Result of a Newton iteration, with the Jacobian of its last step."""
+
+    u: Vector
+    jacobian: Float[Array, "n n"]
+    converged: Bool[Array, ""]
+
+
+def value_and_jacobian(function: Residual, u: Vector) -> tuple[Vector, Float[Array, "m n"]]:
+    """function(u) and its Jacobian, with the function's own work done once."""
+    return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
+
+
+def newton(function: Residual, u: Vector) -> Corrected:
+    """Newton's method from a good start, to the last bits of u."""
+    n = u.shape[0]
+    enough = 1e3 * jnp.finfo(u.dtype).eps
+
+    def step(state):
+        u, _, _, last, count = state
+        value, jacobian = value_and_jacobian(function, u)
+        move = solve_small(jacobian, value)
+        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+        return u - move, jacobian, last, jnp.where(jnp.isfinite(size), size, jnp.inf), count + 1
+
+    def busy(state):
+        u, _, before_last, _, count = state
+        # Quadratic convergence: after a move of 1e-7 the next one reaches the last bit, and one after that is idle.
+        return (before_last > jnp.sqrt(enough)) & (count < NEWTON_STEPS) & jnp.all(jnp.isfinite(u))
+
+    far = jnp.asarray(jnp.inf, u.dtype)
+    u, jacobian, _, size, _ = lax.while_loop(busy, step, (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0)))
+    return Corrected(u, jacobian, size <= enough)
+
+
+def _tangent(jacobian: Float[Array, "n m"], along: Vector) -> Vector:
+    """The unit null vector of the residual's Jacobian that points along `along`."""
+    matrix = jnp.concatenate([jacobian, along[None]])
+    tangent = solve_small(matrix, jnp.zeros_like(along).at[-1].set(1.0))
+    return tangent / jnp.linalg.norm(tangent)
+
+
+def correct(residual: Residual, point: Point, guess: Vector, goal: Goal | None = None, to_goal: Bool[Array, ""] | bool = False) -> tuple[Point, Bool[Array, ""]]:
+    """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
+
+    Returns it and whether it can be trusted: converged, and the tangent has not turned too far.
+    """
+
+    def equations(u):
+        plane = jnp.dot(point.tangent, u - guess)
+        last = plane if goal is None else jnp.where(to_goal, goal(u), plane)
+        return jnp.append(residual(u), last)
+
+    found = newton(equations, guess)
+    tangent = _tangent(found.jacobian[:-1], point.tangent)
+    return Point(found.u, tangent), found.converged & (jnp.dot(tangent, point.tangent) > TURN)
+
+
+class Search(NamedTuple):
+    """State of `follow`: where the path is, the step under way, and the bracket of a limit point."""
+
+    before: Point
+    far: Point
+    """The far end of the interval that holds what is looked for."""
+    found: Point
+    length: Scalar
+    """Arc length of the next step, or the next trial inside the bracket."""
+    low: Scalar
+    high: Scalar
+    rise_low: Scalar
+    rise_high: Scalar
+    """Load components of the tangent at both ends of the bracket (the high one halved by the Illinois rule)."""
+    at_fold: Bool[Array, ""]
+    """Whether `far` is a limit point."""
+    mode: Int[Array, ""]
+    count: Int[Array, ""]
+
+
+class End(NamedTuple):
+    """Where a search ended: REACHED (point.u has goal = 0), FOLD (point.u is a limit point) or ENDED."""
+
+    point: Point
+    reason: Int[Array, ""]
+    steps: Int[Array, ""]
+
+
+def follow(residual: Residual, u: Vector, goal: Goal) -> End:
+    """Follow the path from u towards growing load until `goal` rises through zero, the load turns, or the path ends."""
+    up = jnp.zeros_like(u).at[-1].set(1.0)
+    zero = jnp.zeros((), u.dtype)
+
+    def guess_of(search: Search) -> Vector:
+        """A quadratic through `before`, its tangent and `far`, at the next trial."""
+        before, far = search.before, search.far
+        straight = before.u + search.length * before.tangent
+        bend = (far.u - before.u - search.high * before.tangent) / jnp.where(search.high > 0, search.high, 1.0) ** 2
+        return straight + jnp.where(search.mode == STEPPING, 0.0, search.length**2) * bend
+
+    def step(search: Search) -> Search:
+        to_goal = search.mode == TO_GOAL
+        new, good = correct(residual, search.before, guess_of(search), goal, to_goal)
+        stepped, folding = _after_step(search, new, good, goal), _after_fold_trial(search, new, goal)
+        reached = search._replace(found=new, mode=jnp.where(good, REACHED, ENDED))
+        chosen = jax.tree.map(
+            lambda a, b, c: jnp.where(search.mode == STEPPING, a, jnp.where(to_goal, c, b)), stepped, folding, reached
+        )
+        return chosen._replace(count=search.count + 1)
+
+    start = Point(u, up)
+    # The first "step" has length zero: it finds the tangent at u.
+    first = Search(start, start, start, zero, zero, zero, zero, zero, jnp.asarray(False), jnp.asarray(STEPPING), jnp.asarray(0))
+    last = lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, first)
+    return End(last.found, jnp.where(last.mode < REACHED, ENDED, last.mode), last.count)
+
+
+def _to_goal(search: Search, goal: Goal) -> Search:
+    """Aim at the goal between `before` and `far`: a straight line, or a parabola with its top at a limit point."""
+    near, there = goal(search.before.u), goal(search.far.u)
+    rest = there / jnp.where(there > near, there - near, 1.0)
+    share = 1 - jnp.where(search.at_fold, jnp.sqrt(jnp.maximum(rest, 0.0)), rest)
+    return search._replace(length=search.high * jnp.clip(share, 0.0, 1.0), mode=jnp.asarray(TO_GOAL))
+
+
+def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -> Search:
+    first = search.count == 0
+    # At the start the tangent was only guessed: it may turn as it likes, but must point to growing load.
+    good = jnp.where(first, jnp.all(jnp.isfinite(new.tangent)) & (new.tangent[-1] > 0), good)
+    shorter, longer = 0.3 * search.length, jnp.minimum(1.5 * search.length, LARGEST_STEP)
+    ahead = search._replace(before=new, length=jnp.where(first, FIRST_STEP, longer))
+    interval = search._replace(far=new, low=jnp.zeros_like(search.low), high=search.length, rise_low=search.before.tangent[-1], rise_high=new.tangent[-1])
+    fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
+    aimed = _to_goal(interval, goal)
+    at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
+    again = search._replace(length=shorter, mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING))
+
+    def pick(condition, a, b):
+        return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
+
+    past = goal(new.u) >= 0
+    result = pick(new.tangent[-1] <= 0, fold, pick(past, pick(first, at_once, aimed), ahead))
+    return pick(good, result, again)
+
+
+def _between(search: Search) -> Scalar:
+    """The next trial inside the bracket of a limit point: regula falsi."""
+    slope = search.rise_low - search.rise_high
+    share = search.rise_low / jnp.where(slope > 0, slope, 1.0)
+    return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
+
+
+def _after_fold_trial(search: Search, new: Point, goal: Goal) -> Search:
+    rise = new.tangent[-1]
+    rising = rise > 0
+    # Illinois: an end that stays twice counts half, so that both ends close in.
+    inner = search._replace(
+        far=jax.tree.map(lambda a, b: jnp.where(rising, a, b), search.far, new),
+        low=jnp.where(rising, search.length, search.low),
+        high=jnp.where(rising, search.high, search.length),
+        rise_low=jnp.where(rising, rise, 0.5 * search.rise_low),
+        rise_high=jnp.where(rising, 0.5 * search.rise_high, rise),
+    )
+    inner = inner._replace(length=_between(inner))
+    done = (jnp.abs(rise) < FLAT) | (inner.high - inner.low < 1e-12)
+    at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
+    over = goal(new.u) >= 0
+    aimed, stopped = _to_goal(at_fold, goal), at_fold._replace(mode=jnp.asarray(FOLD))
+    finished = jax.tree.map(lambda a, b: jnp.where(over, a, b), aimed, stopped)
+    return jax.tree.map(lambda a, b: jnp.where(done, a, b), finished, inner)
+
+
+class Border(NamedTuple):
+    """Frozen vectors that make the fold equation regular: see `fold_value`."""
+
+    load: Vector
+    null: Vector
+
+
+def fold_border(residual: Residual, u: Vector) -> Border:
+    """The border for folds near u: d residual / d load, and the direction of y that the path takes there."""
+    jacobian = jax.jacfwd(residual)(u)
+    tangent = _tangent(jacobian, _null_direction(jacobian))
+    return lax.stop_gradient(Border(jacobian[:, -1], tangent[:-1]))
+
+
+def _null_direction(jacobian: Float[Array, "n m"]) -> Vector:
+    """A vector that is not orthogonal to the null space: the cross product of the rows, or its projection."""
+    n, m = jacobian.shape
+    scale = jnp.max(jnp.abs(jacobian))
+    gram = jacobian.T @ jacobian + 1e-10 * scale**2 * jnp.eye(m, dtype=jacobian.dtype)
+    v = jnp.ones(m, jacobian.dtype)
+    for _ in range(2):
+        v = solve_small(gram, v)
+        v = v / jnp.linalg.norm(v)
+    return v
+
+
+def fold_value(residual: Residual, u: Vector, border: Border) -> Scalar:
+    """A number that is zero where J = d residual / d y is singular (Keller; Govaerts 2000, bordered systems).
+
+    g in [[J, b], [c, 0]] [v; g] = [0; 1]. Unlike the determinant it is scaled, and smooth for any number of unknowns;
+    where it is zero does not depend on the border.
+    """
+    n = u.shape[0]
+    matrix = jnp.zeros((n, n), u.dtype)
+    matrix = matrix.at[:-1, :-1].set(jax.jacfwd(residual)(u)[:, :-1])
+    matrix = matrix.at[:-1, -1].set(border.load).at[-1, :-1].set(border.null)
+    return solve_small(matrix, jnp.zeros_like(u).at[-1].set(1.0))[-1]
+
+
+def trace(residual: Residual, u: Vector, step: float, n: int) -> tuple[Float[Array, "n m"], Bool[Array, " n"]]:
+    """n points of the path from u at about equal arc lengths, through any limit point; and which are trusted."""
+    up = jnp.zeros_like(u).at[-1].set(1.0)
+
+    def next_point(state, k):
+        point, alive = state
+        length = jnp.where(k == 0, 0.0, step)
+        new, good = correct(residual, point, point.u + length * point.tangent)
+        alive = alive & (good | (k == 0))
+        point = jax.tree.map(lambda a, b: jnp.where(alive, a, b), new, point)
+        return (point, alive), (point.u, alive)
+
+    _, (points, alive) = lax.scan(next_point, (Point(u, up), jnp.asarray(True)), jnp.arange(n))
+    return points, alive

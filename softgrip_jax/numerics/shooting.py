@@ -1,0 +1,92 @@
+"""Initial-value problems for shooting: a fixed-step fast path and an adaptive reference, both with diffrax solvers.
+
+The fast path takes its method as data (a diffrax solver's Butcher tableau) and scans over equal steps: forward and
+reverse derivatives of any order. `diffeqsolve` inside a Newton iteration gives one mode or the other, not both, and
+runs about ten times slower on a few thousand small lanes. The adaptive path is for references: forward mode only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+Field = Callable[[Float[Array, ""], Any, Any], Any]
+"""field(s, y, args) -> dy/ds, with y and the result the same pytree."""
+
+SOLVER = diffrax.Dopri8()
+"""Order 8 in 12 stages."""
+
+
+def runge_kutta_step(
+    field: Field, y: Any, args: Any, s: Float[Array, ""], width: Float[Array, ""], solver: diffrax.AbstractERK
+) -> Any:
+    """One explicit Runge-Kutta step from s to s + width, by the solver's tableau.
+
+    The stages are a loop, not unrolled: a field compiled 12 times over (and again for each derivative) takes minutes.
+    """
+    tableau = solver.tableau
+    stages = int(np.max(np.flatnonzero(tableau.b_sol))) + 1  # later stages only estimate the error
+    weights = np.zeros((stages, stages))
+    for i in range(1, stages):
+        weights[i, :i] = tableau.a_lower[i - 1]
+    nodes = np.concatenate([[0.0], tableau.c])[:stages]
+
+    def combine(weights, slopes):
+        return jax.tree.map(
+            lambda v, k: v + width * jnp.sum(weights.reshape(-1, *[1] * v.ndim) * k, axis=0), y, slopes
+        )
+
+    def stage(i, slopes):
+        inner = combine(jnp.asarray(weights)[i], slopes)
+        slope = field(s + jnp.asarray(nodes)[i] * width, inner, args)
+        return jax.tree.map(lambda ks, k: ks.at[i].set(k), slopes, slope)
+
+    slopes = jax.tree.map(lambda v: jnp.zeros((stages, *v.shape), v.dtype), y)
+    slopes = lax.fori_loop(0, stages, stage, slopes)
+    return combine(jnp.asarray(tableau.b_sol[:stages]), slopes)
+
+
+def fixed_steps(
+    field: Field,
+    y: Any,
+    args: Any,
+    start: Float[Array, ""],
+    stop: Float[Array, ""],
+    steps: int,
+    solver: diffrax.AbstractERK = SOLVER,
+) -> tuple[Any, Any]:
+    """(y at `stop`, y after every step) by `steps` equal steps of an explicit Runge-Kutta solver."""
+    width = (stop - start) / steps
+
+    def advance(y, k):
+        y = runge_kutta_step(field, y, args, start + k * width, width, solver)
+        return y, y
+
+    return lax.scan(advance, y, jnp.arange(steps, dtype=jnp.result_type(width)))
+
+
+def adaptive(
+    field: Field, y: Any, args: Any, start: Any, stop: Any, tolerance: float, saveat: diffrax.SaveAt | None = None
+) -> Any:
+    """y at `stop` (or at `saveat`) by adaptive steps: the accuracy reference. Forward derivatives only."""
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        SOLVER,
+        start,
+        stop,
+        None,
+        y,
+        args,
+        saveat=diffrax.SaveAt(t1=True) if saveat is None else saveat,
+        stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=100_000,
+    )
+    return jax.tree.map(lambda v: v[0], solution.ys) if saveat is None else solution.ys

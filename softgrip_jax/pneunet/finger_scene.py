@@ -1,0 +1,248 @@
+"""What all scenes of the finger share: chambers that bend a cover, as equations for a path.
+
+Signs: x runs along the finger from the clamp, the chambers bend it towards -y. `weight` = (g_x, g_y) is a force per
+length (N/m): (0, -2) for the thesis's horizontal finger, (2, 0) for one that hangs. Moments and angles of the bending
+direction are reported as positive numbers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..checked import is_concrete, part, to_float_array
+from ..numerics.roots import bracketed_root, implicit
+from ..path_scene import PathScene
+from .beam import Cover, Loads, Part, Shot, State, run_part, section_state, shoot, slopes
+from .chamber import contact_pressure, end_moment, wall_limit
+from .finger import SEGMENT_FIELDS, PneuNet
+from .section import section_law
+
+Scalar = Float[Array, ""]
+
+STEPS = 16
+"""Dopri8 steps along a uniform finger: 1e-9 in the tip force up to the fold (tests/test_beam.py)."""
+INCLINATION_PARTS = 13
+"""Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
+LARGEST_GROWTH = 4.0
+"""Single shooting up to e^4 = 55: rounding then stays near 1e-14 at the tip."""
+RESTARTS = 8
+"""Parts of multiple shooting: under 1 N, L = 300 mm a perturbation grows by e^28 along the beam, e^3.5 in a part."""
+STEPS_PER_PART = 8
+"""Steps in each of them: the boundary layers of that finger are 1/28 of its length, 1e-9 with 64 steps in all."""
+
+
+def to_weight(value: Any) -> Any:
+    """(g_x, g_y) as an array; a written (0, 0) is no weight at all, so that nothing is computed for it."""
+    if value is None or (isinstance(value, tuple | list) and all(type(v) in (int, float) and v == 0 for v in value)):
+        return None
+    return to_float_array(np.asarray(value) if isinstance(value, tuple | list) else value)
+
+
+class Chamber(NamedTuple):
+    """One part's chamber: its own dimensions, and how much of the part's turn is its inclination."""
+
+    fields: dict[str, Scalar]
+    share: Scalar
+
+
+class Bent(NamedTuple):
+    """A beam as integrated from given unknowns."""
+
+    cover: Cover
+    parts: Part
+    start: State
+    shot: Shot
+    gaps: Array
+    """Mismatches where parts meet: equations of multiple shooting (none otherwise)."""
+
+    @property
+    def end(self) -> State:
+        """The state at the tip."""
+        return jax.tree.map(lambda v: v[-1], self.shot.ends)
+
+
+class FingerScene(PathScene):
+    """A finger under pressure with the loads that a subclass names.
+
+    section: law of the cover: "exact", "thesis" or "inextensible". inclination: how the chambers' walls incline as the
+    finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
+    chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
+    """
+
+    finger: PneuNet = part(PneuNet)
+
+    def prepared(self):
+        """Multiple shooting where a perturbation would grow too much along the beam (needs known numbers)."""
+        known = jax.tree.leaves(self)
+        if self.shooting != "auto" or not is_concrete(*known):
+            return self
+        finger = self.finger
+        stiffness = finger.moment_scale() * finger.H / 3
+        growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / stiffness))))
+        return dataclasses.replace(self, shooting="multiple" if growth > LARGEST_GROWTH else "single")
+
+    def largest_force(self) -> Scalar:
+        """A bound of the force along the beam from the external loads, N."""
+        return jnp.zeros_like(self.finger.L)
+
+    def tip_loads(self, held: Scalar, share: Scalar) -> Loads:
+        """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
+        raise NotImplementedError
+
+    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar) -> Bent:
+        """The beam from its unknowns.
+
+        unknowns: M(0) in units of EI/L, then, for multiple shooting, (theta, M) where each further part begins.
+        """
+        parts, steps = self.chambers()
+        cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
+        zero = jnp.zeros_like(unknowns[0])
+        unit = cover.slenderness / 3
+        start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero)
+        active = self.active_moment(pressure, steps)
+        if unknowns.shape[0] == 1:
+            return Bent(cover, parts, start, shoot(cover, start, parts, active, steps, None), unknowns[1:])
+        theta, moment = unknowns[1:].reshape(2, -1)
+        zeros = jnp.zeros_like(theta)
+        shot = shoot(cover, start, parts, active, steps, State(theta, moment * unit, zeros, zeros))
+        gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
+        # Nothing depends on x and y along the way: parts that began at the origin are moved to where the last ended.
+        x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
+        shift = [jnp.concatenate([jnp.zeros(1), v[:-1]])[:, None] for v in (x, y)]
+        states = shot.states._replace(x=shot.states.x + shift[0], y=shot.states.y + shift[1])
+        return Bent(cover, parts, start, Shot(shot.ends._replace(x=x, y=y), states, shot.active), gaps)
+
+    def clamp(self) -> Scalar:
+        """theta(0), rad."""
+        return jnp.zeros_like(self.finger.L)
+
+    def law(self):
+        """The section law of the cover."""
+        return section_law(self.section, self.finger.material)
+
+    def restart_unknowns(self) -> int:
+        """How many unknowns multiple shooting adds."""
+        if self.shooting != "multiple":
+            return 0
+        return 2 * (self.chambers()[0].low.shape[0] - 1)
+
+    def resting(self, held: int) -> Array:
+        """The unknowns of a straight finger without load: zeros, and the clamp angle in every part."""
+        extra = self.restart_unknowns()
+        angles = jnp.broadcast_to(self.clamp(), (extra // 2,))
+        return jnp.concatenate([jnp.zeros(1 + held), angles, jnp.zeros(extra // 2)])
+
+    def chambers(self) -> tuple[Part, int]:
+        """The parts of the beam and the steps in each: one part where all chambers push alike."""
+        finger = self.finger
+        count = finger.segments or (1 if self.inclination == "none" else INCLINATION_PARTS)
+        steps = STEPS if count == 1 else max(1, -(-STEPS // count))
+        if self.shooting == "multiple":
+            steps = max(steps, STEPS_PER_PART)
+            count = RESTARTS if count == 1 else count
+        fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
+        pitch = 2 * fields["h_x"] + fields["h_L"]
+        lengths = pitch / jnp.sum(pitch)
+        bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
+        # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
+        share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
+        return Part(bounds[:-1], bounds[1:], Chamber(fields, share / (lengths * finger.L))), steps
+
+    def with_chamber(self, chamber: Chamber) -> PneuNet:
+        """The finger with one part's dimensions."""
+        return dataclasses.replace(self.finger, **chamber.fields)
+
+    def push(self, chamber: Chamber, pressure: Scalar, inclination: Scalar) -> Scalar:
+        """M_T over mu B H^2, in the bending direction."""
+        finger = self.with_chamber(chamber)
+        return end_moment(finger, pressure, inclination) / finger.moment_scale()
+
+    def active_moment(self, pressure: Scalar, steps: int):
+        """The signed active moment of a part, with its inclination solved for where it is coupled."""
+        if self.inclination == "none":
+            return lambda cover, state, part: -self.push(part.chamber, pressure, jnp.zeros_like(pressure))
+
+        def mismatch(inclination, args):
+            scene, pressure, cover, state, part = args
+            moment = -scene.push(part.chamber, pressure, inclination)
+            turned = run_part(cover, state, part, moment, steps)[0].theta - state.theta
+            return inclination + part.chamber.share * turned
+
+        def coupled(cover, state, part):
+            args = (self, pressure, cover, state, part)
+            fixed = lax.stop_gradient(args)
+            low = jnp.zeros_like(pressure)
+            # The walls push less the more they incline, so the turn without inclination is an upper bound.
+            high = -mismatch(low, fixed)
+            root = bracketed_root(lambda angle: mismatch(angle, fixed), low, jnp.maximum(high, low))
+            inclination = jnp.where(high > 0, implicit(mismatch, root.x, args), 0.0)
+            return -self.push(part.chamber, pressure, inclination)
+
+        return coupled
+
+    def pressure_span(self):
+        finger = self.finger
+        fields = {name: jnp.atleast_1d(getattr(finger, name)) for name in SEGMENT_FIELDS}
+        size = max(v.shape[0] for v in fields.values())
+        fields = {name: jnp.broadcast_to(v, (size,)) for name, v in fields.items()}
+
+        def of(fields):
+            one = dataclasses.replace(finger, **fields)
+            scale = one.material.shear_modulus() * one.t_m / one.a
+            return contact_pressure(one), scale, wall_limit(one)
+
+        begin, scale, end = jax.vmap(of)(fields)
+        return jnp.min(begin), jnp.min(scale), jnp.min(end)
+
+    def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
+        """(g_x, g_y) over mu B H, times L."""
+        if self.weight is None:
+            zero = jnp.zeros_like(self.finger.L)
+            return zero, zero
+        scale = share * self.finger.L / self.finger.force_scale()
+        return self.weight[0] * scale, self.weight[1] * scale
+
+    def beam_observables(self, bent: Bent) -> dict[str, Array]:
+        """What every finger reports."""
+        finger, end = self.finger, bent.end
+        return {
+            "tip": jnp.stack([end.x, end.y]) * finger.L,
+            "tip_angle": self.clamp() - end.theta,
+            "end_moment": -bent.shot.active[-1] * finger.moment_scale(),
+        }
+
+    def beam_profile(self, bent: Bent, n: int) -> dict[str, Array]:
+        """X, x, y (m), theta (rad) and stretch at n points, by cubic Hermite interpolation between the steps."""
+        count, steps = bent.shot.states.theta.shape
+        starts = jax.tree.map(lambda first, ends: jnp.concatenate([first[None], ends[:-1]]), bent.start, bent.shot.ends)
+        nodes = jax.tree.map(lambda s, v: jnp.concatenate([s[:, None], v], axis=1), starts, bent.shot.states)
+        places = bent.parts.low[:, None] + (bent.parts.high - bent.parts.low)[:, None] * jnp.linspace(0, 1, steps + 1)
+        at_nodes = jax.vmap(jax.vmap(lambda s, state, active: slopes(s, state, (bent.cover, active)), (0, 0, None)))
+        rates = at_nodes(places, nodes, bent.shot.active)
+
+        def at(s):
+            part = jnp.clip(jnp.searchsorted(bent.parts.high, s), 0, count - 1)
+            local = (s - bent.parts.low[part]) / (bent.parts.high[part] - bent.parts.low[part]) * steps
+            k = jnp.clip(jnp.floor(local).astype(int), 0, steps - 1)
+            width = (bent.parts.high[part] - bent.parts.low[part]) / steps
+            state = jax.tree.map(lambda v, r: _cubic(v[part, k], v[part, k + 1], r[part, k] * width,
+                                                     r[part, k + 1] * width, local - k), nodes, rates)
+            stretch = section_state(bent.cover, s, state, bent.shot.active[part])[1]
+            return state, stretch
+
+        s = jnp.linspace(0.0, 1.0, n)
+        state, stretch = jax.vmap(at)(s)
+        length = self.finger.L
+        return {"X": s * length, "x": state.x * length, "y": state.y * length, "theta": state.theta, "stretch": stretch}
+
+
+def _cubic(y0: Scalar, y1: Scalar, d0: Scalar, d1: Scalar, t: Scalar) -> Scalar:
+    """The cubic with values y0, y1 and slopes d0, d1 (per unit t) at t = 0 and 1."""
+    return y0 + t * (d0 + t * (3 * (y1 - y0) - 2 * d0 - d1 + t * (2 * (y0 - y1) + d0 + d1)))

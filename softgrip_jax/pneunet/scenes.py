@@ -1,0 +1,245 @@
+"""The finger in free space and with its tip held."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
+
+from ..checked import admissible, choice, finite, vector
+from ..membrane import arc_chain
+from ..numerics.roots import bracketed_root
+from ..results import Status
+from ..scene import Found
+from .beam import Loads
+from .finger_scene import FingerScene, Scalar, to_weight
+
+SECTIONS = ("exact", "thesis", "inextensible")
+INCLINATIONS = ("segment", "gap", "none")
+SHOOTING = ("auto", "single", "multiple")
+
+
+class TipContact(FingerScene):
+    """The finger presses with its tip on something that holds it at y = `tip_offset` (thesis 4.4.2, 5.2.2).
+
+    Args:
+        finger: the actuator.
+        tip_offset: y_c, the y at which the tip is held, m; negative is further along the bending.
+        tip_pull: H_ext, force on the tip along +x, N.
+        weight: (g_x, g_y), N/m.
+        section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
+        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto".
+
+    Equations (4.49), (4.50), (4.59)-(4.63). tip_force is Lambda: positive when the tip pushes towards -y.
+    """
+
+    tip_offset: Scalar = finite("length", default=0.0)
+    tip_pull: Scalar = finite("force", default=0.0)
+    weight: Float[Array, " 2"] | None = vector("force_per_length", to_weight, default=None)
+    section: str = choice(*SECTIONS, default="exact")
+    inclination: str = choice(*INCLINATIONS, default="none")
+    shooting: str = choice(*SHOOTING, default="auto")
+
+    OBSERVABLES = {"tip_force": "force", "tip": "length", "tip_angle": "angle", "end_moment": "moment"}
+
+    def rest(self):
+        return self.resting(1)
+
+    def is_unloaded(self):
+        light = True if self.weight is None else jnp.all(self.weight == 0)
+        return light & (self.tip_offset == 0) & (self.pull() == 0)
+
+    def largest_force(self):
+        weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L
+        return jnp.abs(self.tip_pull) + weight
+
+    def held_unit(self) -> Scalar:
+        """EI / L^2 with EI = mu B H^3 / 3, N: the scale of the tip force."""
+        finger = self.finger
+        return finger.moment_scale() * finger.H / (3 * finger.L**2)
+
+    def pull(self) -> Scalar:
+        """The force on the tip along +x, N."""
+        return self.tip_pull
+
+    def tip_loads(self, held, share):
+        scale = self.finger.force_scale()
+        return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
+
+    def offset_at(self, x: Scalar) -> Scalar:
+        """The y (m) at which a tip at x (m) is held."""
+        return self.tip_offset
+
+    def bend(self, unknowns, share, pressure):
+        """The beam from (M(0), tip force, restarts...)."""
+        return self.beam(jnp.delete(unknowns, 1, assume_unique_indices=True), unknowns[1], share, pressure)
+
+    def ramped(self, unknowns, share, pressure):
+        bent = self.bend(unknowns, share, pressure)
+        length = self.finger.L
+        offset = share * self.offset_at(bent.end.x * length) / length
+        held = jnp.stack([bent.end.moment * 3 / bent.cover.slenderness, bent.end.y - offset])
+        return jnp.concatenate([held, bent.gaps])
+
+    def observe(self, unknowns, pressure):
+        bent = self.bend(unknowns, jnp.ones_like(pressure), pressure)
+        return {"tip_force": unknowns[1] * self.held_unit()} | self.beam_observables(bent)
+
+    def profile(self, unknowns, pressure, n):
+        return self.beam_profile(self.bend(unknowns, jnp.ones_like(pressure), pressure), n)
+
+
+class Free(FingerScene):
+    """The finger bends in free space, under its weight and forces on its tip (thesis 4.4.1, 5.2.1).
+
+    Args:
+        finger: the actuator.
+        weight: (g_x, g_y), N/m; (0, 0) for none. The default is the thesis's horizontal finger.
+        tip_load: (F_x, F_y) on the tip, N.
+        clamp_angle: theta(0), rad: the finger's direction at the clamp (weight keeps its own).
+        section, inclination: as in FingerScene.
+        combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
+            (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
+        shooting: as in TipContact.
+
+    Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
+    scalar root per part where the inclination couples.
+    """
+
+    weight: Float[Array, " 2"] | None = vector("force_per_length", to_weight, default=(0.0, -2.0))
+    tip_load: Float[Array, " 2"] | None = vector("force", to_weight, default=None)
+    clamp_angle: Scalar = finite("angle", default=0.0)
+    section: str = choice(*SECTIONS, default="exact")
+    inclination: str = choice(*INCLINATIONS, default="segment")
+    combination: str = choice("sum", "larger", default="sum")
+    shooting: str = choice(*SHOOTING, default="auto")
+
+    OBSERVABLES = {"tip": "length", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
+
+    def is_arcs(self) -> bool:
+        """True where each part is a circular arc: nothing but moments acts on the cover."""
+        return self.combination == "larger" or (self.weight is None and self.tip_load is None)
+
+    def clamp(self):
+        return self.clamp_angle
+
+    def largest_force(self):
+        loads = [jnp.sum(jnp.abs(v)) * scale for v, scale in ((self.weight, self.finger.L), (self.tip_load, 1.0)) if v is not None]
+        return sum(loads, jnp.zeros_like(self.finger.L))
+
+    def tip_loads(self, held, share):
+        tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
+        return Loads(tip[0], tip[1], *self.weights(share))
+
+    def is_unloaded(self):
+        if self.is_arcs():
+            return jnp.asarray(self.combination == "sum")
+        return jnp.all(jnp.stack([jnp.all(v == 0) for v in (self.weight, self.tip_load) if v is not None]))
+
+    def rest(self):
+        return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.resting(0)
+
+    def ramped(self, unknowns, share, pressure):
+        if self.is_arcs():
+            return unknowns - self.moments(unknowns, pressure)
+        bent = self.beam(unknowns, None, share, pressure)
+        return jnp.concatenate([bent.end.moment[None] * 3 / bent.cover.slenderness, bent.gaps])
+
+    # --- circular arcs: the unknowns are the moments of the parts, in units of EI/L, positive in the bending direction
+
+    def turns(self, unknowns: Array) -> tuple[Array, Array, Array]:
+        """(angle turned, stretch, reference length over L) of every part."""
+        parts, _ = self.chambers()
+        slenderness = self.finger.H / self.finger.L
+        law = self.law()
+        z, stretch = jax.vmap(lambda y: law(y * slenderness / 3, jnp.zeros_like(y)))(unknowns)
+        lengths = parts.high - parts.low
+        return z / slenderness * lengths, stretch, lengths
+
+    def moments(self, unknowns: Array, pressure: Scalar) -> Array:
+        """What the chambers apply to parts that carry the moments `unknowns`."""
+        parts, _ = self.chambers()
+        inclination = parts.chamber.share * jnp.maximum(self.turns(unknowns)[0], 0.0)
+        return self.applied(parts.chamber, inclination, pressure)
+
+    def applied(self, chamber, inclination: Array, pressure: Scalar) -> Array:
+        """The moments of all parts at given inclinations, in units of EI/L."""
+        unit = self.finger.H / self.finger.L / 3
+        pushes = jax.vmap(self.push, in_axes=(0, None, 0))(chamber, pressure, inclination) / unit
+        if self.combination == "sum":
+            return pushes
+        parts, _ = self.chambers()
+        lever = (1 - 0.5 * (parts.low + parts.high)) * self.finger.L
+        hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
+        return jnp.maximum(pushes, -hanging / (unit * self.finger.moment_scale()))
+
+    def find(self, pressure):
+        if not self.is_arcs():
+            return super().find(pressure)
+        parts, _ = self.chambers()
+        highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
+        largest = self.law().largest_moment * 3 * self.finger.L / self.finger.H
+        top = jnp.minimum(highest, largest)
+
+        def surplus(y, chamber, part_length):
+            """Moment carried minus moment applied, rising with y, for one part."""
+            z, _ = self.law()(y * self.finger.H / self.finger.L / 3, jnp.zeros_like(y))
+            turn = z * self.finger.L / self.finger.H * part_length
+            applied = self.push(chamber, pressure, chamber.share * turn) * 3 * self.finger.L / self.finger.H
+            return y - applied
+
+        if self.inclination == "none":
+            unknowns, iterations = top, jnp.asarray(0)
+        else:
+            roots = jax.vmap(lambda top, c, length: bracketed_root(lambda y: surplus(y, c, length), 0 * top, top))(
+                top, parts.chamber, parts.high - parts.low
+            )
+            unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
+        missing = jnp.max(jnp.abs(lax.stop_gradient(self.ramped(unknowns, pressure, pressure))))
+        end = self.pressure_span()[2]
+        status = jnp.where((pressure > end) | ~(missing < 1e-6), Status.BEYOND_LIMIT, Status.OK)
+        possible = admissible(self) & self.is_possible() & (pressure >= 0) & (pressure < jnp.inf)
+        return Found(unknowns, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
+
+    def observe(self, unknowns, pressure):
+        if not self.is_arcs():
+            bent = self.beam(unknowns, None, jnp.ones_like(pressure), pressure)
+            starts = jnp.concatenate([bent.start.theta[None], bent.shot.ends.theta[:-1]])
+            inclination = jnp.maximum(bent.parts.chamber.share * (starts - bent.shot.ends.theta), 0.0)
+            return self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
+        parts, _ = self.chambers()
+        turned, _, _ = self.turns(unknowns)
+        x, y = self.arcs(unknowns, 2)
+        unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
+        return {
+            "tip": jnp.stack([x[-1], y[-1]]),
+            "tip_angle": jnp.sum(turned),
+            "end_moment": unknowns[-1] * unit,
+            "inclination": jnp.mean(parts.chamber.share * jnp.maximum(turned, 0.0)),
+        }
+
+    def arcs(self, unknowns, n):
+        """x, y (m) of n points on the chain of arcs."""
+        turned, stretch, lengths = self.turns(unknowns)
+        arc = stretch * lengths * self.finger.L
+        return arc_chain(arc, -turned / arc, self.clamp_angle, n)
+
+    def profile(self, unknowns, pressure, n):
+        if not self.is_arcs():
+            return self.beam_profile(self.beam(unknowns, None, jnp.ones_like(pressure), pressure), n)
+        turned, stretch, lengths = self.turns(unknowns)
+        x, y = self.arcs(unknowns, n)
+        # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.
+        bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(stretch * lengths)])
+        s = jnp.linspace(0.0, 1.0, n) * bounds[-1]
+        reference = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
+        angle = self.clamp_angle - jnp.concatenate([jnp.zeros(1), jnp.cumsum(turned)])
+        part = jnp.clip(jnp.searchsorted(bounds[1:], s), 0, lengths.shape[0] - 1)
+        return {
+            "X": jnp.interp(s, bounds, reference) * self.finger.L,
+            "x": x,
+            "y": y,
+            "theta": jnp.interp(s, bounds, angle),
+            "stretch": stretch[part],
+        }
