@@ -80,7 +80,9 @@ def faults(path: Path, package: str) -> list[str]:
     return said
 
 
-ROOM_FILES = [path for path in files("softgrip_jax") if path.name != "__init__.py" or path.parent.name != "softgrip_jax"]
+ROOM_FILES = [
+    path for path in files("softgrip_jax") if path.name != "__init__.py" or path.parent.name != "softgrip_jax"
+]
 
 
 @pytest.mark.parametrize("path", ROOM_FILES, ids=lambda path: str(path.relative_to(ROOT)))

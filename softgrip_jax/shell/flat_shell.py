@@ -34,7 +34,7 @@ class FlatShell(Checked):
     material: Material = part(Material)
 
     def __check_init__(self) -> None:
-        if is_concrete(self.a, self.b) and not jnp.all(self.b >= self.a):
+        if is_concrete(self.a, self.b) and jnp.any(self.b < self.a):
             raise ValueError(
                 f"FlatShell.b is {float(jnp.min(self.b)):.6g}; it must be at least a ({float(jnp.max(self.a)):.6g} m): "
                 "a is half of the smaller side."

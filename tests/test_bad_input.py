@@ -1,0 +1,281 @@
+"""Every mistake of a user is told in one sentence that says where, what was found and what is allowed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+import softgrip_jax as sg
+from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.objects import FrictionTable
+from softgrip_jax.units import kPa, mm
+
+GOOD = """[scene]
+type = "shell.Grasp"
+radius_mm = 20
+gap_mm = 5
+mass_g = 563
+friction = 0.96
+lever = "exact"
+fingers = 2
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+[scene.shell.material]
+type = "NeoHookean"
+mu_kPa = 175
+[solve]
+pressure_kPa = 15
+"""
+MATERIAL = 'type = "NeoHookean"\nmu_kPa = 175'
+POSITIVE_MM = "it must be a positive finite number in mm."
+
+EDITS = {
+    # what is wrong: (text in GOOD, what stands there instead, what the sentence says)
+    "empty": (GOOD, "", "there is no section [scene], which says what to solve."),
+    "not toml": ("gap_mm = 5", "gap_mm: 5", "this is not TOML"),
+    "half a line": ("gap_mm = 5", "gap_mm =", "this is not TOML"),
+    "key twice": ("gap_mm = 5", "gap_mm = 5\ngap_mm = 5", "this is not TOML"),
+    "unknown section": ("[solve]", "[solv]", "there is no section [solv]; did you mean solve?"),
+    "far-off section": ("[solve]", "[zzz]", "there is no section [zzz]; allowed are scene, solve, design"),
+    "a key above the sections": ("[scene]\n", "radius_mm = 2\n[scene]\n", "there is no section [radius_mm]"),
+    "section as number": (GOOD, "scene = 3", "scene is 3; it must be a section, [scene]."),
+    "sections in a list": ("[scene]\n", "[[scene]]\n", "; it must be a section, [scene]."),
+    "no type of scene": ('type = "shell.Grasp"\n', "", "the key type is missing; it must be one of"),
+    "unknown scene": ("shell.Grasp", "shell.Graps", "type is 'shell.Graps'; did you mean 'shell.Grasp'?"),
+    "far-off scene": ("shell.Grasp", "banana", "type is 'banana'; it must be one of 'shell.Free'"),
+    "scene type as number": ('"shell.Grasp"', "7", "type is 7; it must be one of"),
+    "abstract scene": ("shell.Grasp", "shell.ShellScene", "type is 'shell.ShellScene'"),
+    "unknown key": ("gap_mm = 5", "gap_mm = 5\ncolour = 3", "there is no key colour of shell.Grasp; allowed are"),
+    "misspelt key": ("radius_mm", "raduis_mm", "there is no key raduis_mm of shell.Grasp; did you mean radius_mm?"),
+    "other unit": (
+        "radius_mm = 20",
+        "radius_cm = 2",
+        "there is no key radius_cm of shell.Grasp; did you mean radius_mm",
+    ),
+    "no unit": ("radius_mm", "radius", "there is no key radius of shell.Grasp; did you mean radius_mm?"),
+    "no unit on a short name": ("a_mm", "a", "there is no key a of FlatShell; did you mean a_mm?"),
+    "thickness by a short name": ("t_m_mm", "t_mm", "there is no key t_mm of FlatShell; did you mean t_m_mm?"),
+    "unit in capitals": ("mu_kPa", "mu_KPA", "there is no key mu_KPA of NeoHookean; did you mean mu_kPa?"),
+    "missing key": ("radius_mm = 20\n", "", "the key radius_mm of shell.Grasp is missing."),
+    "missing thickness": ("t_m_mm = 1.1\n", "", "the key t_m_mm of FlatShell is missing."),
+    "missing shell": (GOOD[GOOD.index("[scene.shell]") : GOOD.index("[solve]")], "", "the key shell of shell.Grasp"),
+    "missing material": (
+        GOOD[GOOD.index("[scene.shell.m") : GOOD.index("[solve]")],
+        "",
+        "the key material of FlatShell",
+    ),
+    "text for a number": ("gap_mm = 5", 'gap_mm = "5"', f"gap_mm is '5'; {POSITIVE_MM}"),
+    "truth for a number": ("gap_mm = 5", "gap_mm = true", f"gap_mm is true; {POSITIVE_MM}"),
+    "list for a number": ("gap_mm = 5", "gap_mm = [5]", f"gap_mm is [5]; {POSITIVE_MM}"),
+    "table for a number": ("gap_mm = 5", "gap_mm = {x = 1}", f"gap_mm is a table; {POSITIVE_MM}"),
+    "date for a number": ("gap_mm = 5", "gap_mm = 2020-01-01", POSITIVE_MM),
+    "nan": ("gap_mm = 5", "gap_mm = nan", f"gap_mm is nan; {POSITIVE_MM}"),
+    "infinity": ("gap_mm = 5", "gap_mm = inf", f"gap_mm is inf; {POSITIVE_MM}"),
+    "negative": ("gap_mm = 5", "gap_mm = -5", f"gap_mm is -5; {POSITIVE_MM}"),
+    "too large for a float": ("gap_mm = 5", f"gap_mm = 1{'0' * 400}", POSITIVE_MM),
+    "zero thickness": ("t_m_mm = 1.1", "t_m_mm = 0", f"t_m_mm is 0; {POSITIVE_MM}"),
+    "negative modulus": ("mu_kPa = 175", "mu_kPa = -1", "mu_kPa is -1; it must be a positive finite number in kPa."),
+    "negative mass": ("mass_g = 563", "mass_g = -1", "mass_g is -1; it must be a finite number, zero or more in g."),
+    "sides exchanged": ("b_mm = 43", "b_mm = 15", "FlatShell.b is 0.015; it must be at least a (0.016 m)"),
+    "unknown choice": ('"exact"', '"exakt"', "lever is 'exakt'; did you mean 'exact'?"),
+    "number for a choice": ('"exact"', "1", "lever is 1; it must be one of 'exact', 'rim'."),
+    "part of a finger": ("fingers = 2", "fingers = 2.5", "fingers is 2.5; it must be a whole number."),
+    "no fingers": ("fingers = 2", "fingers = 0", "Grasp.fingers is 0; it must be a whole number, 1 or more."),
+    "truth for fingers": ("fingers = 2", "fingers = true", "fingers is true; it must be a whole number."),
+    "unknown material": ('"NeoHookean"', '"NeoHokean"', "type is 'NeoHokean'; did you mean 'NeoHookean'?"),
+    "material of another": ("mu_kPa", "c1_kPa", "there is no key c1_kPa of NeoHookean; did you mean mu_kPa?"),
+    "material as text": (f"[scene.shell.material]\n{MATERIAL}", 'material = "rubber"', "it must be a table."),
+    "unknown preset": (MATERIAL, 'preset = "dragon_skin_40"', "preset is 'dragon_skin_40'; did you mean 'dragon_skin_"),
+    "preset and other type": (MATERIAL, 'preset = "dragon_skin_30"\ntype = "Gent"', "the preset is a NeoHookean"),
+    "uneven lists": (
+        MATERIAL,
+        'type = "Ogden"\nmu_kPa = [1, 2]\nalpha = [1]',
+        "Ogden.mu and Ogden.alpha have shapes (2,) and (1,); they must be two lists of the same length.",
+    ),
+    "empty list": (
+        MATERIAL,
+        'type = "Ogden"\nmu_kPa = []\nalpha = []',
+        "mu_kPa is []; it must be a list of numbers, each a finite number in kPa.",
+    ),
+    "number for a list": (
+        MATERIAL,
+        'type = "Ogden"\nmu_kPa = 1\nalpha = 1',
+        "mu_kPa is 1; it must be a list of numbers",
+    ),
+    "text in a list": (MATERIAL, 'type = "Ogden"\nmu_kPa = [1, "x"]\nalpha = [1, 2]', "mu_kPa is [1, 'x']; it must be"),
+    "no friction": ("friction = 0.96", "friction = 0", "friction is 0; it must be a positive finite number."),
+    "friction as text": ("friction = 0.96", 'friction = "rough"', "friction is 'rough'; it must be a positive"),
+    "falling friction table": (
+        "friction = 0.96",
+        "friction = {force_N = [2, 1], coefficient = [1, 1]}",
+        "[scene.friction]: FrictionTable.force is [2.0, 1.0]; it must increase from row to row.",
+    ),
+    "friction table without unit": (
+        "friction = 0.96",
+        "friction = {force = [1, 2], coefficient = [1, 1]}",
+        "there is no key force of FrictionTable; did you mean force_N?",
+    ),
+    "negative pressure": ("= 15", "= -15", "pressure_kPa is -15; it must be a finite number, zero or more in kPa."),
+    "pressure as text": ("= 15", '= "high"', "pressure_kPa is 'high'; it must be"),
+    "two targets": ("= 15", "= 15\nforce_N = 2", "pressure_kPa and force_N are both given"),
+    "unknown observable": ("pressure_kPa", "torque_N_mm", "there is no key torque_N_mm; allowed are pressure_kPa"),
+    "observable without unit": ("pressure_kPa", "force", "there is no key force; did you mean force_N?"),
+    "pressure in bar": ("pressure_kPa", "pressure_bar", "there is no key pressure_bar; did you mean pressure_kPa?"),
+    "target as nan": ("pressure_kPa = 15", "force_N = nan", "force_N is nan; it must be a finite number in N."),
+    "no target, no mass": (
+        "mass_g = 563",
+        "mass_g = 0\n[solve]\n[scene.unused]",
+        "this is not TOML",
+    ),
+}
+
+
+def in_one_sentence(text: str) -> bool:
+    return text.count("\n") == 1 and text.endswith((".\n", "?\n")) and "Traceback" not in text
+
+
+def told(arguments, capsys) -> str:
+    """The sentence on stderr, after the checks that hold for every mistake."""
+    code = run([str(argument) for argument in arguments])
+    out, err = capsys.readouterr()
+    assert (code, out) == (MISTAKE, "")
+    assert in_one_sentence(err), err
+    return err
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_config(name, tmp_path, capsys):
+    old, new, says = EDITS[name]
+    assert old in GOOD
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
+    sentence = told(["solve", path], capsys)
+    assert sentence.startswith(f"{path}")
+    assert says in sentence
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        ("mass_g = 0", "pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N)"),
+        ("", "there is nothing to solve for"),
+    ],
+)
+def test_nothing_is_asked(scene, says, tmp_path, capsys):
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace("mass_g = 563", scene).replace("[solve]\npressure_kPa = 15\n", ""))
+    assert says in told(["solve", path], capsys)
+
+
+def test_files(tmp_path, capsys):
+    assert "no such file or directory" in told(["solve", tmp_path / "absent.toml"], capsys)
+    assert "is a directory" in told(["solve", tmp_path], capsys)
+    latin = tmp_path / "latin.toml"
+    latin.write_bytes("# caf\xe9".encode("latin-1"))
+    assert "this is not a text file in UTF-8 (byte 5)." in told(["solve", latin], capsys)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["solve"], "Missing argument"),
+        (["slove"], "No such command 'slove'"),
+        (["solve", "x.toml", "--bogus"], "No such option: --bogus"),
+        (["solve", "x.toml", "y.toml"], "unexpected extra argument"),
+        (["solve", "x.toml", "--pressure-kPa", "high"], "Invalid value for '--pressure-kPa'"),
+        (["solve", "x.toml", "--plot", "picture.bmp"], "--plot is 'picture.bmp'; it must be a file that ends in .png"),
+        (["solve", "x.toml", "--plot", "/no/such/folder/x.png"], "a file cannot be written there."),
+        (["design"], "Missing argument"),
+    ],
+)
+def test_command_line(arguments, says, capsys):
+    assert says in told(arguments, capsys)
+
+
+@pytest.mark.parametrize("value", ["-1", "nan", "inf"])
+def test_pressure_option(value, tmp_path, capsys):
+    path = tmp_path / "good.toml"
+    path.write_text(GOOD)
+    sentence = told(["solve", path, "--pressure-kPa", value], capsys)
+    assert sentence.startswith("--pressure-kPa is ") and "it must be a finite number, zero or more in kPa." in sentence
+
+
+def test_as_a_process(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace("radius_mm", "radius_cm"))
+    script = Path(sys.executable).with_name("softgrip")
+    for command in ([sys.executable, "-m", "softgrip_jax", "solve", path], [script, "solve", tmp_path / "no.toml"]):
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=120)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert in_one_sentence(done.stderr), done.stderr
+
+
+SHELL = {"a": 16 * mm, "b": 43 * mm, "t_m": 1.1 * mm, "material": sg.NeoHookean(mu=175 * kPa)}
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: sg.FlatShell(**SHELL | {"t_m": 0.0}), "FlatShell.t_m is 0; it must be a positive finite number in m."),
+        (lambda: sg.FlatShell(**SHELL | {"a": float("nan")}), "FlatShell.a is nan"),
+        (lambda: sg.FlatShell(**SHELL | {"a": "16 mm"}), "FlatShell.a is '16 mm'"),
+        (lambda: sg.FlatShell(**SHELL | {"a": True}), "FlatShell.a is True"),
+        (lambda: sg.FlatShell(**SHELL | {"a": None}), "FlatShell.a is None"),
+        (lambda: sg.FlatShell(**SHELL | {"a": 1j}), "FlatShell.a is 1j"),
+        (lambda: sg.FlatShell(**SHELL | {"b": 10 * mm}), "FlatShell.b is 0.01; it must be at least a (0.016 m)"),
+        (lambda: sg.NeoHookean(mu=-1), "NeoHookean.mu is -1; it must be a positive finite number in Pa."),
+        (lambda: sg.Ogden(mu="soft", alpha=[1.0]), "Ogden.mu is 'soft'"),
+        (lambda: sg.Ogden(mu=[1.0, 2.0], alpha=[1.0]), "Ogden.mu and Ogden.alpha have shapes (2,) and (1,)"),
+        (lambda: sg.Ogden(mu=[1.0, float("inf")], alpha=[1.0, 2.0]), "Ogden.mu is inf (in an array of 2)"),
+        (lambda: sg.shell.FlatContact(sg.FlatShell(**SHELL), distance=-1), "FlatContact.distance is -1"),
+        (lambda: sg.shell.InclinedContact(sg.FlatShell(**SHELL), 1 * mm, angle=10), "InclinedContact.angle is 10"),
+        (lambda: sg.shell.Grasp(sg.FlatShell(**SHELL), 1.0, 1.0, friction="wet"), "Grasp.friction is 'wet'"),
+        (lambda: sg.shell.Grasp(sg.FlatShell(**SHELL), 1.0, 1.0, lever="x"), "Grasp.lever is 'x'; it must be one of"),
+        (lambda: sg.shell.Grasp(sg.FlatShell(**SHELL), 1.0, 1.0, fingers=0), "Grasp.fingers is 0"),
+        (lambda: FrictionTable(force=[1.0, 1.0], coefficient=[1.0, 1.0]), "it must increase from row to row."),
+        (lambda: FrictionTable(force=1.0, coefficient=1.0), "they must be two lists of the same length."),
+        (lambda: sg.solve(sg.shell.Free(sg.FlatShell(**SHELL)), -1.0), "pressure is -1; it must be"),
+        (lambda: sg.solve(sg.shell.Free(sg.FlatShell(**SHELL)), "low"), "pressure is 'low'"),
+        (lambda: sg.path(sg.shell.Free(sg.FlatShell(**SHELL)), [1.0, float("nan")]), "pressures is nan"),
+        (lambda: sg.pressure_for(sg.shell.Free(sg.FlatShell(**SHELL)), force=1.0), "Free has no observable 'force'"),
+        (lambda: sg.pressure_for(sg.shell.Free(sg.FlatShell(**SHELL))), "pressure_for(Free) needs a target"),
+        (lambda: sg.pressure_for(sg.shell.Free(sg.FlatShell(**SHELL)), inflation="big"), "inflation is 'big'"),
+        (lambda: sg.pressure_for(sg.shell.Free(sg.FlatShell(**SHELL)), a=1.0, b=2.0), "got 2 targets"),
+    ],
+)
+def test_constructors_and_questions(make, says):
+    with pytest.raises(ValueError) as caught:  # noqa: PT011: the sentence is checked below
+        make()
+    assert says in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+WRONG_PARTS = """
+import softgrip_jax as sg
+shell = sg.FlatShell(0.016, 0.043, 0.0011, sg.NeoHookean(175e3))
+for make in (
+    lambda: sg.FlatShell(0.016, 0.043, 0.0011, 175e3),
+    lambda: sg.shell.Free(3),
+    lambda: sg.solve(sg.NeoHookean(175e3), 1e3),
+):
+    try:
+        make()
+    except ValueError as error:
+        print(error)
+"""
+
+
+def test_wrong_parts():
+    """In a process of its own: here the annotations would be checked before the package can say anything."""
+    done = subprocess.run([sys.executable, "-c", WRONG_PARTS], capture_output=True, text=True, cwd=ROOT, timeout=120)
+    lines = done.stdout.splitlines()
+    assert lines[:2] == [
+        "FlatShell.material is 175000.0; it must be a Material.",
+        "Free.shell is 3; it must be a FlatShell.",
+    ]
+    assert lines[2].startswith("scene is NeoHookean") and "it must be a Scene" in done.stdout
