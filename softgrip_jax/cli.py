@@ -144,7 +144,8 @@ def report(solution: Solution, console: Console) -> None:
     from rich.table import Table
 
     from .config import type_name
-    from .results import Status
+    from .results import Status, in_units
+    from .scene import limit_pressure
 
     table = Table(title=type_name(type(solution.scene)), show_header=False, title_justify="left")
     table.add_column(no_wrap=True)
@@ -152,6 +153,8 @@ def report(solution: Solution, console: Console) -> None:
     for name, value in solution.rows():
         good = int(solution.status) == Status.OK
         table.add_row(name, value, style="bold" if name == "status" and not good else None)
+    if int(solution.status) == Status.BEYOND_LIMIT:
+        table.add_row("limit pressure", in_units(limit_pressure(solution.scene), "pressure"))
     console.print(table)
 
 

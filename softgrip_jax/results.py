@@ -104,9 +104,11 @@ class Solution(eqx.Module):
 
 
 def in_units(value: Any, kind: str) -> str:
-    """A value in SI as people read it: '13.41 mm', '(1.2, 3.4) mm'."""
+    """A value in SI as people read it: '13.41 mm', '(1.2, 3.4) mm', and '-' where there is none."""
     label, unit = DISPLAY[kind]
     numbers = np.asarray(value) / unit
+    if np.all(np.isnan(numbers)):
+        return "-"
     text = f"{numbers:.5g}" if numbers.ndim == 0 else "(" + ", ".join(f"{v:.5g}" for v in numbers) + ")"
     return f"{text} {label}".strip()
 

@@ -1,0 +1,119 @@
+"""The command line: reports, JSON, pictures and exit codes. Expected numbers are the thesis's."""
+
+import json
+import math
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+
+from softgrip_jax.cli import NO_ANSWER, run
+
+CONFIGS = ROOT / "configs"
+
+
+def solved(capsys, *arguments) -> tuple[int, dict]:
+    code = run(["solve", *map(str, arguments), "--json"])
+    out, err = capsys.readouterr()
+    assert err == ""
+    return code, json.loads(out)
+
+
+@pytest.mark.parametrize(
+    ("name", "observable", "expected"),
+    [
+        # Thesis figures 5.1 to 5.3, all at 15 kPa: inflation 13.38 mm, force 18.33 N, F_z 5.74 N.
+        ("shell_free", "inflation", 13.38e-3),
+        ("shell_flat", "force", 18.33),
+        ("shell_cylinder", "force_z", 5.74),
+    ],
+)
+def test_numbers_of_the_thesis(name, observable, expected, capsys):
+    code, data = solved(capsys, CONFIGS / f"{name}.toml")
+    assert (code, data["status"]) == (0, "OK")
+    assert data["pressure"] == 15000.0
+    assert data["observables"][observable] == pytest.approx(expected, rel=5e-3)
+
+
+def test_json_is_si_with_null_for_what_is_not_a_number(capsys):
+    code, data = solved(capsys, CONFIGS / "shell_cylinder.toml", "--pressure-kPa", "15")
+    assert code == 0
+    assert data["scene"] == "shell.CylinderContact"
+    assert data["units"] == {"pressure": "Pa"} | {name: data["units"][name] for name in data["observables"]}
+    assert data["units"]["force"] == "N"
+    assert data["units"]["contact_half_width"] == "m"
+    assert 0 < data["observables"]["contact_half_width"] < 16e-3
+
+    code, beyond = solved(capsys, CONFIGS / "shell_cylinder.toml", "--pressure-kPa", "500")
+    assert (code, beyond["status"]) == (NO_ANSWER, "BEYOND_LIMIT")
+    assert set(beyond["observables"].values()) == {None}
+    assert math.isfinite(beyond["pressure"])
+
+
+def test_report_for_people(capsys):
+    assert run(["solve", str(CONFIGS / "shell_cylinder.toml")]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    lines = {line.split("│")[1].strip(): line.split("│")[2].strip() for line in out.splitlines() if "│" in line}
+    assert lines["status"] == "OK"
+    assert lines["pressure"] == "15 kPa"
+    number, unit = lines["force z"].split()
+    assert (float(number), unit) == (pytest.approx(5.74, rel=5e-3), "N")
+
+    assert run(["solve", str(CONFIGS / "shell_cylinder.toml"), "--pressure-kPa", "500"]) == NO_ANSWER
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "BEYOND_LIMIT" in out
+    assert "nan" not in out
+    (limit,) = re.findall(r"limit pressure +│ ([\d.]+) kPa", out)
+    below, above = (
+        run(["solve", str(CONFIGS / "shell_cylinder.toml"), "--pressure-kPa", str(float(limit) + step)])
+        for step in (-0.01, 0.01)
+    )
+    assert (below, above) == (0, NO_ANSWER)
+
+
+def test_picture(tmp_path, capsys):
+    picture = tmp_path / "cylinder.png"
+    config = str(CONFIGS / "shell_cylinder.toml")
+    assert run(["solve", config, "--plot", str(picture)]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.iterdir()) == [picture]
+    picture.unlink()
+    capsys.readouterr()
+    assert run(["solve", config, "--pressure-kPa", "500", "--plot", str(picture)]) == NO_ANSWER
+    assert capsys.readouterr().err == "No picture: there is no state to draw.\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_help_teaches_and_answers_at_once():
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        command = [sys.executable, "-m", "softgrip_jax", "--help"]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+        times.append(time.perf_counter() - start)
+        assert done.returncode == 0
+        assert "solve" in done.stdout
+    # 0.3 s alone on one core; a machine that is busy may take longer, but importing JAX alone takes 0.7 s of one.
+    code = "import sys, softgrip_jax.cli as cli; cli.run(['--help']); sys.exit('jax' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, cwd=ROOT).returncode == 0
+    assert min(times) < 2
+
+
+def test_no_arguments_is_help_and_version_is_told(capsys):
+    assert run([]) == 0
+    assert "Usage" in capsys.readouterr().out
+    assert run(["--version"]) == 0
+    assert capsys.readouterr().out.strip() == "0.1.0"
+
+
+def test_console_script():
+    script = Path(sys.executable).with_name("softgrip")
+    done = subprocess.run([script, "solve", "--help"], capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0
+    assert "--pressure-kPa" in done.stdout
