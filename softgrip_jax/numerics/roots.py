@@ -44,8 +44,10 @@ def bracketed_root(
     unknown = jnp.full_like(high, jnp.nan)
 
     # x: newest point; y: nearest point on the other side of the root; z: the point before. `above`: x is too high.
+    # best: the smallest residual so far. Within rounding of the root XLA may evaluate `function` twice with different
+    # signs (fused once here, once there); the bracket is then lost, but the root has been seen.
     def step(state):
-        x, y, z, fx, fy, fz, above, part, count = state
+        x, y, z, fx, fy, fz, above, part, best, f_best, count = state
         new = x + part * (y - x)
         f = function(new)
         same = (f > 0) == above
@@ -58,7 +60,9 @@ def bracketed_root(
         inverse = fx / (fy - fx) * fz / (fy - fz) + (z - x) / (y - x) * fx / (fz - fx) * fy / (fz - fy)
         least = tolerance(x) / jnp.abs(y - x)
         part = jnp.clip(jnp.where(smooth & jnp.isfinite(inverse), inverse, 0.5), least, 1 - least)
-        return x, y, z, fx, fy, fz, above, part, count + 1
+        closer = jnp.isnan(f_best) | (jnp.abs(f) < jnp.abs(f_best))
+        best, f_best = jnp.where(closer, new, best), jnp.where(closer, f, f_best)
+        return x, y, z, fx, fy, fz, above, part, best, f_best, count + 1
 
     def tolerance(x):
         # Two points closer than this have no midpoint left to try.
@@ -70,9 +74,9 @@ def bracketed_root(
         return (jnp.abs(y - x) > 2 * tolerance(x)) & (count < MAX_BRACKET_STEPS)
 
     half = jnp.full_like(high, 0.5)
-    start = (high, low, high, unknown, unknown, unknown, jnp.asarray(True), half, jnp.asarray(0))
-    x, y, _, fx, fy, *_, count = lax.while_loop(busy, step, start)
-    return Root(jnp.where(jnp.abs(fy) < jnp.abs(fx), y, x), count)
+    start = (high, low, high, unknown, unknown, unknown, jnp.asarray(True), half, high, unknown, jnp.asarray(0))
+    *_, best, _, count = lax.while_loop(busy, step, start)
+    return Root(best, count)
 
 
 def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
