@@ -20,7 +20,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..materials import Material, MooneyRivlin, NeoHookean
-from ..numerics.roots import implicit, solve_small
+from ..numerics.roots import bracketed_root, implicit, solve_small
 from .finger import PneuNet
 
 Scalar = Float[Array, ""]
@@ -100,16 +100,13 @@ class ExactNeoHookean(SectionLaw):
 
 @jax.custom_jvp
 def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
-    """(z, lambda): one scalar equation in lambda.
-
-    n gives 1/(1 - u^2) = s = lambda^3 (lambda - n) without a solve, so F(lambda) = w k(w)^2 - m^2 lambda^8 with
-    w = 1 - 1/s. In m^2 rather than m it is regular at m = 0.
-    """
+    """(z, lambda) by one scalar root, see `_exact_stretch`; then z = m lambda^6 / k, regular at m = 0."""
+    solvable = jnp.abs(m) < LARGEST_MOMENT
+    m, n = jnp.where(solvable, m, 0.0), jnp.where(solvable, n, 0.0)
     stretch = _exact_stretch(m, n)
-    w, rest = _from_stretch(stretch, n)
-    z = m * stretch**6 / bending_factor(w, rest)
-    solved = jnp.abs(m) < 0.5
-    return jnp.where(solved, z, jnp.nan), jnp.where(solved, stretch, jnp.nan)
+    rest = 1 / (stretch**3 * (stretch - n))
+    z = m * stretch**6 / bending_factor(1 - rest, rest)
+    return jnp.where(solvable, z, jnp.nan), jnp.where(solvable, stretch, jnp.nan)
 
 
 @_exact_state.defjvp
@@ -119,8 +116,7 @@ def _exact_state_jvp(primals, tangents):
     l2 = stretch * stretch
     l4 = l2 * l2
     square = l4 - z * z
-    w = z * z / l4
-    m_z = ((l4 / square) ** 2 - 2 * bending_factor(w, square / l4)) / (l4 * l2)
+    m_z = ((l4 / square) ** 2 - 2 * bending_factor(z * z / l4, square / l4)) / (l4 * l2)
     n_z = -2 * stretch * z / square**2
     n_l = 1 + (3 * l4 + z * z) / square**2
     dm, dn = tangents
@@ -128,49 +124,89 @@ def _exact_state_jvp(primals, tangents):
     return (z, stretch), ((n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale)
 
 
-def _from_stretch(stretch, n):
-    """w = u^2 and 1 - w at equilibrium of the axial force; w is kept from turning negative by rounding."""
+LARGEST_MOMENT = 0.5
+"""sup |m| of the exact law."""
+NEWTON_STEPS = 3
+"""The start is good to 2e-3 for |m| < 0.3, |n| < 0.1, and Newton squares that: 4e-6, 2e-11, last bit."""
+CONVERGED = 1e-7
+"""A last Newton step below this part of lambda leaves its square, which is rounding."""
+LARGEST_STRETCH = 1e4
+"""The end of the careful search: there m is within 1e-15 of its supremum."""
+
+
+def _exact_stretch(m, n):
+    """lambda under (m, n): a start, a fixed number of Newton steps, and a bracketed search where they did not suffice.
+
+    The axial force gives 1/(1 - u^2) = s = lambda^3 (lambda - n) without a solve. With it the moment reads R(s) = eta,
+    R = u k(u^2) / s (Rivlin's pure bending, from 0 to 1/2), eta = m lambda / (lambda - n). Newton works on
+    R^2 / (1 - 4 R^2) = eta^2 / (1 - 4 eta^2), nearly linear in s: squares are regular at m = 0.
+    """
+    stretch = _start(m, n)
+    move = jnp.zeros_like(stretch)
+    for _ in range(NEWTON_STEPS):
+        r2, r2_slope, eta2, eta2_slope = _squares(stretch, m, n)
+        left_r, left_eta = 1 - 4 * r2, 1 - 4 * eta2
+        move = -(r2 - eta2) * left_r * left_eta / (r2_slope * left_eta**2 - eta2_slope * left_r**2)
+        stretch += move
+    # Written so that NaN counts as failure.
+    done = (jnp.abs(move) <= CONVERGED * stretch) & (stretch > n)
+
+    def mismatch(stretch):
+        r2, _, eta2, _ = _squares(stretch, m, n)
+        return jnp.where(stretch**3 * (stretch - n) > 1, r2 - eta2, -1.0)
+
+    # An empty bracket costs no iteration: none at all, also under vmap, where every lane is done.
+    low = jnp.maximum(n, 0.0)
+    careful = bracketed_root(mismatch, low, jnp.where(done, low, low + LARGEST_STRETCH)).x
+    return jnp.where(done, stretch, careful)
+
+
+def _squares(stretch, m, n):
+    """R^2, d(R^2)/dlambda, eta^2, d(eta^2)/dlambda; dR^2/ds = k (s - 2k) / s^3."""
+    inverse = 1 / (stretch - n)
     s = stretch**3 * (stretch - n)
-    return jnp.maximum(1 - 1 / s, 0.0), 1 / s
+    rest = 1 / s
+    w = 1 - rest
+    k = bending_factor(w, rest)
+    eta2 = (m * stretch * inverse) ** 2
+    return (
+        w * (k * rest) ** 2,
+        k * rest**3 * (s - 2 * k) * stretch**2 * (4 * stretch - 3 * n),
+        eta2,
+        -2 * eta2 * n / stretch * inverse,
+    )
 
 
 START_FIT = (0.99991304, -0.14113449, -0.0674586, -0.49992885)
 """Least squares fit of Rivlin's pure bending for z up to 20, good to 0.11 %: with x = 4 m^2,
 z^2 = 9 m^2 (c_0 + c_1 x + c_2 x^2 + c_3 ln(1 - x)) / (1 - x)."""
-START_STEPS = 3
-NEWTON_STEPS = 5
 
 
-def _exact_stretch(m, n):
-    """lambda under (m, n): a start from pure bending, then a fixed number of Newton steps on F."""
-
-    def improve(_, stretch):
-        x = jnp.minimum(4 * (m * stretch / (stretch - n)) ** 2, 0.999)
-        fit = START_FIT[0] + x * (START_FIT[1] + x * START_FIT[2]) + START_FIT[3] * jnp.log1p(-x)
-        return axial_stretch(1 + 2.25 * x * fit / (1 - x), n)
-
-    def newton(_, stretch):
-        w, rest = _from_stretch(stretch, n)
-        k = bending_factor(w, rest)
-        # 2 w k' = 1/(1-w)^2 - 3 k
-        slope = k * (1 / rest**2 - 2 * k) * rest**2 * stretch**2 * (4 * stretch - 3 * n) - 8 * m * m * stretch**7
-        return stretch - (w * k * k - m * m * stretch**8) / slope
-
-    start = lax.fori_loop(0, START_STEPS, improve, axial_stretch(jnp.ones_like(m + n), n), unroll=True)
-    return lax.fori_loop(0, NEWTON_STEPS, newton, start, unroll=True)
+def _start(m, n):
+    """lambda to about 1e-3 at moderate loads: pure bending under eta, and eta from a cruder guess of lambda."""
+    m2 = m * m
+    guess = jnp.sqrt(jnp.sqrt(1 + 9 * m2 / (1 - 4 * m2))) + 0.25 * n
+    x = jnp.minimum(4 * (m * guess / (guess - n)) ** 2, 0.998)
+    c0, c1, c2, c3 = START_FIT
+    root = jnp.sqrt(jnp.sqrt(1 + 2.25 * x * (c0 + x * (c1 + c2 * x) + c3 * jnp.log1p(-x)) / (1 - x)))
+    # The quartic lambda^3 (lambda - n) = root^4 to second order in n, and one Newton step.
+    stretch = jnp.maximum(root + n * (0.25 + 0.09375 * n / root), n)
+    return stretch - (stretch**3 * (stretch - n) - root**4) / (stretch**2 * (4 * stretch - 3 * n))
 
 
-def axial_stretch(s: Scalar, n: Scalar) -> Scalar:
-    """The positive root of lambda^3 (lambda - n) = s, s >= 1; for s = 1 the stretch under n without moment."""
-    # An upper bound; the quartic is convex above the root, so Newton falls onto it.
-    stretch = jnp.sqrt(jnp.sqrt(s)) + jnp.maximum(n, 0.0)
+QUARTIC_STEPS = 6
+"""From the bounds below to the last bit for any n: the worst start is 1.3 times the root."""
+
+
+def axial_stretch(n: Scalar) -> Scalar:
+    """lambda under the axial force n alone: the positive root of lambda^3 (lambda - n) = 1."""
+    size = jnp.maximum(jnp.abs(n), 1e-9)
+    # Upper bounds of the root for either sign; the quartic is convex above it, so Newton falls onto it.
+    pulled, pressed = jnp.minimum(1 + size, size + 1 / size**3), jnp.minimum(1.0, 1 / jnp.cbrt(size))
+    stretch = jnp.where(n > 0, pulled, pressed)
     for _ in range(QUARTIC_STEPS):
-        stretch -= (stretch**3 * (stretch - n) - s) / (stretch**2 * (4 * stretch - 3 * n))
+        stretch -= (stretch**3 * (stretch - n) - 1) / (stretch**2 * (4 * stretch - 3 * n))
     return stretch
-
-
-QUARTIC_STEPS = 8
-"""From the bound to the last bit for |n| up to 5."""
 
 
 class Thesis(SectionLaw):
@@ -216,7 +252,7 @@ def _rising_root(m, n):
         # Rounding ends the climb.
         return jnp.maximum(x, new), count + 1, new > x
 
-    start = (jnp.minimum(axial_stretch(jnp.ones_like(n), n), top), jnp.asarray(0), exists)
+    start = (jnp.minimum(axial_stretch(n), top), jnp.asarray(0), exists)
     x, _, _ = lax.while_loop(lambda s: s[2] & (s[1] < THESIS_STEPS), step, start)
     return jnp.where(exists, x, jnp.nan)
 
