@@ -1,5 +1,6 @@
 from . import materials as materials
 from . import objects as objects
+from . import pneunet as pneunet
 from . import shell as shell
 from . import units as units
 from ._version import __version__ as __version__
@@ -8,6 +9,7 @@ from .materials import MooneyRivlin as MooneyRivlin
 from .materials import NeoHookean as NeoHookean
 from .materials import Ogden as Ogden
 from .materials import Yeoh as Yeoh
+from .pneunet.finger import PneuNet as PneuNet
 from .results import Solution as Solution
 from .results import Status as Status
 from .scene import Scene as Scene

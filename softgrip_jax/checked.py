@@ -15,6 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool
 
 from .units import SI
@@ -23,6 +24,7 @@ from .units import SI
 RULES = {
     "positive": ("a positive finite number", lambda x: (x > 0) & (x < np.inf)),
     "nonnegative": ("a finite number, zero or more", lambda x: (x >= 0) & (x < np.inf)),
+    "nonzero": ("a finite number other than zero", lambda x: (x != 0) & (x > -np.inf) & (x < np.inf)),
     "finite": ("a finite number", lambda x: (x > -np.inf) & (x < np.inf)),
     "right_angle": ("an angle from zero to less than a right angle", lambda x: (x >= 0) & (x < np.pi / 2)),
 }
@@ -68,6 +70,11 @@ def finite(kind: str, **kwargs: Any) -> Any:
     return _rule_field("finite", kind, **kwargs)
 
 
+def nonzero(kind: str, **kwargs: Any) -> Any:
+    """A float leaf of either sign, but not zero, in SI."""
+    return _rule_field("nonzero", kind, **kwargs)
+
+
 def right_angle(**kwargs: Any) -> Any:
     """A float leaf in [0, pi/2)."""
     return _rule_field("right_angle", "angle", **kwargs)
@@ -90,7 +97,7 @@ def part(*types: type, **kwargs: Any) -> Any:
 
 def is_concrete(*values: Any) -> bool:
     """True where the values are known numbers (not traced by jit, vmap or grad)."""
-    return all(isinstance(v, jax.Array) and not isinstance(v, jax.core.Tracer) for v in values)
+    return all(isinstance(v, jax.Array) and not isinstance(v, Tracer) for v in values)
 
 
 def require(name: str, value: Any, rule: str, kind: str) -> Any:

@@ -20,7 +20,6 @@ import functools
 import inspect
 import sys
 import tomllib
-import types
 import typing
 from collections.abc import Iterable
 from pathlib import Path
@@ -30,6 +29,7 @@ import numpy as np
 import pydantic
 import tomli_w
 
+from . import pneunet as pneunet
 from . import shell as shell
 from .checked import RULES, Checked, wanted
 from .errors import ConfigError as ConfigError
@@ -319,7 +319,7 @@ def _is_required(field: Any) -> bool:
 
 def shapes_of(annotation: Any) -> list[str]:
     """The shapes that an annotation allows: '' for a number, 'n' or '2' for a list."""
-    options = typing.get_args(annotation) if isinstance(annotation, types.UnionType) else (annotation,)
+    options = typing.get_args(annotation) or (annotation,)
     return [option.dim_str.strip() for option in options if hasattr(option, "dim_str")]
 
 

@@ -72,7 +72,7 @@ def friction(**kwargs: Any) -> Any:
 
 def friction_coefficient(friction: Any, force: Scalar) -> Scalar:
     """mu_f at a normal force."""
-    return friction(force) if callable(friction) else friction
+    return friction(force) if isinstance(friction, Friction) else friction
 
 
 def friction_force(friction: Any, force: Scalar) -> Scalar:

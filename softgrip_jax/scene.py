@@ -123,7 +123,7 @@ def frozen(tree: Any) -> Any:
 
 def _checked(scene: Any) -> Scene:
     """The scene, ready to be solved, or one sentence about what is wrong."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "softgrip_jax needs float64, which is switched off: remove JAX_ENABLE_X64=0 or the call of "
             "jax.config.update('jax_enable_x64', False) after the import."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -97,3 +98,7 @@ class PneuNet(Checked):
     def force_scale(self) -> Scalar:
         """mu B H, N: the unit of axial forces in the section laws."""
         return self.material.shear_modulus() * self.B * self.H
+
+
+PRESETS = {f"table_5_1_{kind}": partial(PneuNet.table_5_1, kind) for kind in TABLE_5_1}
+"""Fingers by name, for configs."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..checked import choice, nonnegative
+from ..checked import choice, is_concrete, nonnegative
 from ..numerics.roots import bracketed_root, implicit
 from ..objects import friction, friction_coefficient, friction_force
 from ..units import GRAVITY
@@ -78,7 +78,7 @@ class Grasp(CylinderContact):
         return 2 * state.flat, jnp.zeros_like(state.flat)
 
     def target(self):
-        if isinstance(self.mass, jnp.ndarray) and not _is_traced(self.mass) and not np.all(np.asarray(self.mass) > 0):
+        if is_concrete(self.mass) and not np.all(np.asarray(self.mass) > 0):
             raise ValueError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
         return "security", jnp.ones_like(self.mass)
 
@@ -118,12 +118,6 @@ class Grasp(CylinderContact):
 def _ratio(value: Scalar, need: Scalar) -> Scalar:
     """value / need, and inf where nothing is needed."""
     return jnp.where(need > 0, value / jnp.where(need > 0, need, 1.0), jnp.inf)
-
-
-def _is_traced(value) -> bool:
-    import jax
-
-    return isinstance(value, jax.core.Tracer)
 
 
 def smallest_object(shell: FlatShell) -> Scalar:
