@@ -53,16 +53,14 @@ class Quantity:
     at: State = None
     scene: str = ""
 
-    def label(self) -> str:
-        """For tables: 'pressure at required', 'tip_angle at 31 kPa'."""
-        where = f"{self.scene}." if self.scene else ""
+    def label(self, with_scene: bool = True) -> str:
+        """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
+        name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
         if self.at is None:
-            return f"{where}{self.observable}"
+            return name
         if isinstance(self.at, tuple):
-            state = f"{self.at[0]} {self.at[1]:g}"
-        else:
-            state = self.at if isinstance(self.at, str) else f"{self.at / sg.units.kPa:g} kPa"
-        return f"{where}{self.observable} at {state}"
+            return f"{name} at {self.at[0]} {self.at[1]:g}"
+        return f"{name} at {self.at if isinstance(self.at, str) else in_units(self.at, 'pressure')}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,7 +84,7 @@ class Goal:
             raise ValueError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
     def term(self, value: Scalar, scale: Scalar) -> Scalar:
-        if self.kind == "reach":
+        if self.target is not None:
             return self.weight * ((value - self.target) / scale) ** 2
         return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
 
@@ -166,7 +164,7 @@ class Problem:
         statuses, shortfalls = [], []
         for name, at in self.states:
             scene, limit = scenes[name], limits[name]
-            solution = None if at is None else _solution(scene, at)
+            solution = None if at is None else solution_at(scene, at)
             status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE) if solution is None else solution.status
             statuses.append(status)
             shortfalls.append(_shortfall(scene, at, status, limit))
@@ -189,10 +187,10 @@ class Problem:
 
         def split(t):
             found = self.measure(t)
-            return found[:2], found
+            return (found.values, found.shortfall), found
 
-        slopes, found = jax.jacfwd(split, has_aux=True)(t)
-        return found, Measured(*slopes, found.statuses)
+        (values, shortfall), found = jax.jacfwd(split, has_aux=True)(t)
+        return found, Measured(values, shortfall, found.statuses)
 
     def judge(self, values: Float[Array, " q"], scales: Scales) -> Judged:
         """Goals and limits from the quantities."""
@@ -224,17 +222,22 @@ class Problem:
             tuple(scale or abs(bound) or size(self.quantities[k]) for k, _, bound, scale in self.sides),
         )
 
+    def label(self, quantity: Quantity) -> str:
+        """Names the scene only where there are several."""
+        return quantity.label(len(self.space.scenes) > 1)
+
     def constraint_labels(self) -> list[str]:
-        """One name per violation: 'limit_margin at required >= 1.25'."""
+        """One name per violation: 'limit_margin at required at least 1.25'."""
         labels = []
         for k, sign, bound, _ in self.sides:
             quantity = self.quantities[k]
             relation = "at least" if sign < 0 else "at most"
-            labels.append(f"{quantity.label()} {relation} {in_units(bound, self.kinds[k])}")
+            labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels
 
 
-def _solution(scene: Scene, at: State) -> Solution:
+def solution_at(scene: Scene, at: State) -> Solution:
+    """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
     if isinstance(at, tuple):
         return sg.pressure_for(scene, **{at[0]: at[1]})
     return sg.pressure_for(scene) if at == REQUIRED else sg.solve(scene, at)

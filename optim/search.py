@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
@@ -58,6 +58,9 @@ the basin of its optimum, and the finish does the rest."""
 FINAL_RATE = 0.02
 """The learning rate falls along a cosine to this part of its start."""
 
+ROUNDING = 1e-9
+"""A finished variable this near to a bound (of its range) is put on it."""
+
 STEEPEST = 1.0
 """Slopes are cut to this length: a design far outside of a constraint would else fill the memory of the optimiser with
 a slope hundreds of times that of the objective, and hardly move for long after it is back."""
@@ -73,7 +76,7 @@ CPU_CHUNK = 16
 for one at a time, wastes little. Elsewhere a chunk holds all the starts."""
 
 _LOST = 1e6
-"""Added to the rank of infeasible designs (once) and of designs without equilibrium (twice): feasible ones come first."""
+"""Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
 
 class Found(NamedTuple):
@@ -153,7 +156,7 @@ class SearchResult:
     designs: list[Design]
     """Distinct designs, the best first; infeasible ones only where nothing feasible was found."""
     history: dict[str, np.ndarray]
-    """Per step: best_objective so far, and how many lanes are with_equilibrium, feasible (so far, to NEARLY), moving."""
+    """Per step: best_objective so far, and how many lanes are with_equilibrium, feasible (to NEARLY) so far, moving."""
     solves: int
     """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
@@ -199,13 +202,19 @@ def search(
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
-    lanes, history = _descend(problem, scales, evaluate, rule, _starts(space.inside(reference_t), starts, seed), steps, report)
+    lanes, history = _descend(
+        problem, scales, evaluate, rule, _starts(space.inside(reference_t), starts, seed), steps, report
+    )
     descended = time.perf_counter()
 
-    candidates = np.asarray(lanes.best_t)[_distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]]
+    candidates = np.asarray(lanes.best_t)[
+        _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]
+    ]
     finished = np.stack([_finish(t, evaluate, problem, scales) for t in candidates])
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
-    both = zip(_designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True)
+    both = zip(
+        _designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True
+    )
     designs = [after if after.rank <= before.rank else before for after, before in both]
     order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
     chosen = [designs[k] for k in order]
@@ -253,7 +262,11 @@ def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, d
     for step in range(steps):
         fresh = evaluate(to_unit(lanes.u[moving]))
         # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
-        found = fresh if found is None else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
+        found = (
+            fresh
+            if found is None
+            else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
+        )
         lanes = advance(lanes, found, step)
         moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
         rank = np.asarray(lanes.best_rank)
@@ -325,7 +338,9 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
 
 def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales) -> np.ndarray:
     """The local optimum near t, on its active constraints and bounds, by SLSQP with exact slopes."""
-    judge = jax.jit(lambda values: (problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values)))
+    judge = jax.jit(
+        lambda values: (problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values))
+    )
     seen: dict[bytes, tuple[float, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def look(t):
@@ -342,7 +357,9 @@ def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales
                 seen[key] = (objective, by_value @ by_t, violations, pushes @ by_t)
         return seen[key]
 
-    constraints = [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if problem.sides else []
+    constraints = (
+        [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if problem.sides else []
+    )
     found = minimize(
         lambda t: look(t)[0],
         t,
@@ -352,7 +369,8 @@ def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales
         method="SLSQP",
         options={"maxiter": 60, "ftol": 1e-12},
     )
-    return np.clip(found.x, 0.0, 1.0)
+    on_bound = np.abs(found.x - np.round(found.x)) < ROUNDING
+    return np.where(on_bound, np.round(found.x), np.clip(found.x, 0.0, 1.0))
 
 
 def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
@@ -369,7 +387,7 @@ def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -
         designs.append(
             Design(
                 row,
-                np.asarray(space.from_unit(row)),
+                np.asarray(space.from_unit(jnp.asarray(row))),
                 found.values[k],
                 float(judged.objective),
                 violations,

@@ -1,0 +1,280 @@
+"""`softgrip design CONFIG.toml`: search, a table of the best designs, and a folder that keeps everything.
+
+The folder: config.toml as given, best.toml (what `softgrip solve` accepts), designs.csv, history.csv, result.json,
+before_after.png, convergence.png. It appears complete or not at all, and never replaces another.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import platform
+import shutil
+import time
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+import softgrip_jax as sg
+from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
+from softgrip_jax.results import Status, in_units
+from softgrip_jax.scene import Scene
+from softgrip_jax.units import DISPLAY
+
+from . import settings
+from .objectives import Problem, solution_at
+from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
+
+RUNS = Path("runs")
+"""Where runs go that are given no folder: runs/<name of the config>-001 and so on."""
+
+LINE_EVERY = 10
+"""Steps between two lines of progress where there is no terminal."""
+
+SHOWN = 5
+"""Designs in the printed table; designs.csv has them all."""
+
+
+def run_design(config: Path, out: Path | None, console: Console) -> Path:
+    """Search as the config says, print what was found, and return the folder that holds it."""
+    given = config.read_bytes() if config.is_file() else b""
+    read = configs.load(config)
+    wanted = settings.read(read)
+    with new_folder(out, config.stem) as (folder, final):
+        result = _search_with_progress(wanted, console)
+        _write(folder, given, read, wanted, result)
+    report(result, console)
+    console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}", soft_wrap=True)
+    return final
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A run folder, opened again."""
+
+    folder: Path
+    config: configs.Config
+    """As it was given, with the scene that the search started from."""
+    best: Scene
+    result: dict[str, Any]
+    designs: list[dict[str, str]]
+    history: dict[str, np.ndarray]
+
+
+def load_run(folder: str | Path) -> Run:
+    """Open a run folder in Python."""
+    folder = Path(folder)
+    if not (folder / "result.json").is_file():
+        raise ConfigError(f"{folder} is not a run: there is no result.json in it.")
+    with (folder / "designs.csv").open(newline="", encoding="utf-8") as file:
+        designs = list(csv.DictReader(file))
+    with (folder / "history.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    return Run(
+        folder,
+        configs.load(folder / "config.toml"),
+        configs.load(folder / "best.toml").scene,
+        json.loads((folder / "result.json").read_text(encoding="utf-8")),
+        designs,
+        {name: np.array([float(row[name]) for row in rows]) for name in rows[0]},
+    )
+
+
+# --- the folder -------------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
+    """(folder to write to, its final name): a hidden sibling, renamed when the block ends well, removed when not."""
+    if out is not None and out.exists():
+        raise ConfigError(f"{out} exists already; give --out a new name.")
+    final = _free_name(name) if out is None else out
+    final.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = final.parent / f".{final.name}-{uuid.uuid4().hex}"
+    unfinished.mkdir()
+    try:
+        yield unfinished, final
+        if final.exists():
+            raise ConfigError(f"{final} has come to exist during the run, which was given up so as not to replace it.")
+        os.rename(unfinished, final)
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def _free_name(name: str) -> Path:
+    number = 1
+    while (RUNS / f"{name}-{number:03d}").exists():
+        number += 1
+    return RUNS / f"{name}-{number:03d}"
+
+
+def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Settings, result: SearchResult) -> None:
+    problem, best = wanted.problem, result.best
+    (folder / "config.toml").write_bytes(given)
+    scene = best_scene(result)
+    at = problem.goals[0].quantity.at
+    comment = f"The best design of a search with softgrip_jax {sg.__version__}, seed {wanted.arguments['seed']}."
+    if not best.feasible:
+        comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
+    text = configs.dump(scene, comment, **settings.question(at, scene))
+    (folder / "best.toml").write_text(text, encoding="utf-8")
+    _write_csv(folder / "designs.csv", _design_rows(problem, result))
+    steps = len(result.history["moving"])
+    _write_csv(
+        folder / "history.csv",
+        [{"step": k + 1} | {name: float(v[k]) for name, v in result.history.items()} for k in range(steps)],
+    )
+    _draw(folder, read.scene, scene, at, result)
+    (folder / "result.json").write_text(json.dumps(_summary(problem, wanted, result), indent=2), encoding="utf-8")
+
+
+def best_scene(result: SearchResult) -> Scene:
+    """The scene of the best design (of the first goal, where there are several scenes)."""
+    problem = result.problem
+    return problem.space.scenes_at(jax.numpy.asarray(result.best.x))[problem.goals[0].quantity.scene]
+
+
+def _draw(folder: Path, before: Scene, after: Scene, at: Any, result: SearchResult) -> None:
+    # matplotlib takes a second to load: only a run that draws waits for it.
+    from softgrip_jax import plots
+
+    plots.convergence(result.history, "objective (start: 1)").savefig(folder / "convergence.png")
+    if at is None or not plots.has_picture(after):
+        return
+    solutions = {"before": solution_at(before, at), "after": solution_at(after, at)}
+    solved = {name: solution for name, solution in solutions.items() if int(solution.status) == Status.OK}
+    if solved:
+        plots.compare(solved).savefig(folder / "before_after.png")
+
+
+def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def _design_rows(problem: Problem, result: SearchResult) -> list[dict[str, Any]]:
+    """The start and every distinct design, units in the names of the columns."""
+    rows = []
+    for name, design in [("start", result.reference), *((k + 1, d) for k, d in enumerate(result.designs))]:
+        row: dict[str, Any] = {"design": name, "feasible": design.feasible, "objective": design.objective}
+        row["status"] = " ".join(dict.fromkeys(s.name for s in design.statuses))
+        row["violation"] = design.violation
+        for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
+            row[configs.unit_key(key, kind)] = x / DISPLAY[kind][1]
+        for quantity, kind, value in zip(problem.quantities, problem.kinds, design.values, strict=True):
+            row[configs.unit_key(problem.label(quantity).replace(" ", "_"), kind)] = value / DISPLAY[kind][1]
+        rows.append(row | {"active": "; ".join(design.active)})
+    return rows
+
+
+def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) -> dict[str, Any]:
+    def in_si(design: Design) -> dict[str, Any]:
+        values = {problem.label(q): float(v) for q, v in zip(problem.quantities, design.values, strict=True)}
+        return {
+            "feasible": design.feasible,
+            "objective": design.objective,
+            "violation": design.violation,
+            "variables": dict(zip(problem.space.names, map(float, design.x), strict=True)),
+            "quantities": {name: v if np.isfinite(v) else None for name, v in values.items()},
+            "status": [s.name for s in design.statuses],
+            "active": list(design.active),
+        }
+
+    return {
+        "units": "SI",
+        "best": in_si(result.best),
+        "start": in_si(result.reference),
+        "distinct_designs": len(result.designs),
+        "search": wanted.arguments,
+        "solves": result.solves,
+        "seconds": result.seconds,
+        "finished": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "versions": {
+            "softgrip_jax": sg.__version__,
+            "jax": jax.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+        "device": jax.devices()[0].device_kind,
+    }
+
+
+# --- what people see --------------------------------------------------------------------------------------------------
+
+
+def _search_with_progress(wanted: settings.Settings, console: Console) -> SearchResult:
+    steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
+
+    def words(best: float, feasible: int, moving: int) -> str:
+        return f"best {best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
+
+    if not console.is_terminal:
+        # In a file or a pipe a bar would be noise: a line now and then.
+        console.print(f"compiling, then {starts} starts")
+
+        def tell(step: int, best: float, feasible: int, moving: int) -> None:
+            if step == 1 or step % LINE_EVERY == 0 or not moving:
+                console.print(f"step {step} of {steps}: {words(best, feasible, moving)}", soft_wrap=True)
+
+        return search(wanted.problem, report=tell, **wanted.arguments)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        task = progress.add_task("compiling", total=steps)
+
+        def show(step: int, best: float, feasible: int, moving: int) -> None:
+            progress.update(task, completed=step if moving else steps, description=words(best, feasible, moving))
+
+        return search(wanted.problem, report=show, **wanted.arguments)
+
+
+def report(result: SearchResult, console: Console) -> None:
+    """The start and the best distinct designs, side by side."""
+    problem, shown = result.problem, [result.reference, *result.designs[:SHOWN]]
+    table = Table(title=f"the best of {len(result.designs)} distinct designs", title_justify="left")
+    table.add_column("")
+    for name in ("start", *range(1, len(shown))):
+        table.add_column(str(name), justify="right")
+    for k, (name, kind) in enumerate(zip(problem.space.names, problem.space.kinds, strict=True)):
+        table.add_row(name, *(in_units(d.x[k], kind) for d in shown))
+    table.add_section()
+    for k, (quantity, kind) in enumerate(zip(problem.quantities, problem.kinds, strict=True)):
+        table.add_row(problem.label(quantity), *(in_units(d.values[k], kind) for d in shown))
+    for quantity in dict.fromkeys(goal.quantity for goal in problem.goals):
+        k = problem.quantities.index(quantity)
+        start, name = result.reference.values[k], problem.label(quantity)
+        table.add_row(f"change of {name}", "", *(f"{(d.values[k] - start) / abs(start):+.1%}" for d in shown[1:]))
+    if len(problem.goals) > 1:
+        table.add_row("objective", *(f"{d.objective:.5g}" for d in shown))
+    if problem.sides:
+        table.add_section()
+    for k, label in enumerate(problem.constraint_labels()):
+        table.add_row(label, *(_room(d.violations[k]) for d in shown))
+    table.add_row("status", *(" ".join(dict.fromkeys(s.name for s in d.statuses)) for d in shown))
+    console.print(table)
+    for number, design in enumerate(shown[1:], start=1):
+        if design.active:
+            console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
+    if not result.best.feasible:
+        console.print("No design that keeps every constraint was found.", style="bold")
+    times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
+    console.print(f"{result.solves} designs solved with derivatives ({times})", soft_wrap=True)
+
+
+def _room(violation: float) -> str:
+    """What is left to a bound, relative to it."""
+    if violation > FEASIBLE:
+        return f"broken by {violation:.2%}"
+    return "on it" if violation > -ACTIVE else f"room {-violation:.1%}"
