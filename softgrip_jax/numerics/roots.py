@@ -40,6 +40,9 @@ def bracketed_root(
     is the end that is nearest to one. No derivatives pass through: see `implicit`.
     """
     low, high = lax.stop_gradient((low, high))
+    # Whatever the function closes over is frozen too: a loop cannot be differentiated in reverse.
+    function, constants = jax.closure_convert(function, high)
+    constants = lax.stop_gradient(constants)
     eps = jnp.finfo(low.dtype).eps
     unknown = jnp.full_like(high, jnp.nan)
 
@@ -49,7 +52,7 @@ def bracketed_root(
     def step(state):
         x, y, z, fx, fy, fz, above, part, best, f_best, count = state
         new = x + part * (y - x)
-        f = function(new)
+        f = function(new, *constants)
         same = (f > 0) == above
         z, fz = jnp.where(same, x, y), jnp.where(same, fx, fy)
         y, fy = jnp.where(same, y, x), jnp.where(same, fy, fx)
@@ -75,8 +78,9 @@ def bracketed_root(
 
     half = jnp.full_like(high, 0.5)
     start = (high, low, high, unknown, unknown, unknown, jnp.asarray(True), half, high, unknown, jnp.asarray(0))
-    *_, best, _, count = lax.while_loop(busy, step, start)
-    return Root(best, count)
+    x, _, _, _, fy, _, _, _, best, _, count = lax.while_loop(busy, step, start)
+    # One side never evaluated: no change of sign was seen, and x has run to that end.
+    return Root(jnp.where(jnp.isnan(fy), x, best), count)
 
 
 def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
