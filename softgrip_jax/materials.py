@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .checked import Checked, finite, is_concrete, positive
+from .checked import Checked, finite, is_concrete, nonzero, positive
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -53,6 +53,16 @@ def _invariants(l1, l2, l3):
     return a + b + c - 3, 1 / a + 1 / b + 1 / c - 3
 
 
+def _require_stiff(material: Material) -> None:
+    """A ValueError for constants that keep their own rules but together give no shear modulus."""
+    Checked.__check_init__(material)
+    if is_concrete(*jax.tree.leaves(material)) and not jnp.all(material.is_stable_at_rest()):
+        modulus = float(jnp.min(material.shear_modulus()))
+        raise ValueError(
+            f"{type(material).__name__} has a shear modulus of {modulus:.6g} Pa; its constants must make it positive."
+        )
+
+
 class NeoHookean(Material):
     """W = mu/2 (I_1 - 3), thesis (2.5); Treloar 1943. mu: shear modulus, Pa."""
 
@@ -70,6 +80,9 @@ class MooneyRivlin(Material):
 
     c1: Scalar = positive("pressure")
     c2: Scalar = finite("pressure")
+
+    def __check_init__(self) -> None:
+        _require_stiff(self)
 
     def energy(self, l1, l2, l3):
         i1, i2 = _invariants(l1, l2, l3)
@@ -118,7 +131,7 @@ class Ogden(Material):
     """
 
     mu: Float[Array, " n"] = finite("pressure")
-    alpha: Float[Array, " n"] = finite("number")
+    alpha: Float[Array, " n"] = nonzero("number")
 
     def __check_init__(self) -> None:
         if is_concrete(self.mu, self.alpha) and (self.mu.ndim != 1 or self.mu.shape != self.alpha.shape):
@@ -126,10 +139,11 @@ class Ogden(Material):
                 f"Ogden.mu and Ogden.alpha have shapes {jnp.shape(self.mu)} and {jnp.shape(self.alpha)}; "
                 "they must be two lists of the same length."
             )
+        _require_stiff(self)
 
     def energy(self, l1, l2, l3):
-        powers = jnp.exp(self.alpha * jnp.log(jnp.stack([l1, l2, l3]))[:, None])
-        return jnp.sum(self.mu / self.alpha * (jnp.sum(powers, axis=0) - 3))
+        powers = sum(jnp.exp(self.alpha * jnp.log(stretch)) for stretch in (l1, l2, l3))
+        return jnp.sum(self.mu / self.alpha * (powers - 3))
 
     def shear_modulus(self):
         return 0.5 * jnp.sum(self.mu * self.alpha)

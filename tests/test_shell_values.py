@@ -1,0 +1,126 @@
+"""Published numbers of the flat shell, each with its source, and how far the model is from finite elements."""
+
+import numpy as np
+import pytest
+import reference as ref
+from helpers import shell
+from scipy.optimize import brentq
+
+import softgrip_jax as sg
+from softgrip_jax.units import GRAVITY, degree, gram, kPa, mm
+
+NEO_175 = {"kind": ref.NEO, "mu": 175e3}
+DESIGN = {"a": 16e-3, "b": 43e-3, "t_m": 1.1e-3, "material": NEO_175}
+
+
+def test_thesis_figures_within_half_a_percent():
+    """Figures 5.1, 5.2, 5.3: 15 kPa; 13.38 mm, 18.33 N, 5.74 N."""
+    assert float(sg.solve(sg.shell.Free(shell()), 15 * kPa).inflation) / mm == pytest.approx(13.38, rel=5e-3)
+    flat = sg.shell.FlatContact(shell(), distance=5 * mm)
+    assert float(sg.solve(flat, 15 * kPa).force) == pytest.approx(18.33, rel=5e-3)
+    rod = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
+    assert float(sg.solve(rod, 15 * kPa).force_z) == pytest.approx(5.74, rel=5e-3)
+
+
+# Table 6.1: gap, h, p as printed. One required force per weight reproduces all rows, with the friction coefficients
+# that they imply: mu_f = m g / 2 / F_ext (the thesis took another one for each object, section 6.2.4).
+TABLE_6_1 = [
+    (5, 137, 0.4491, 28.1, 5.5),
+    (5, 263, 0.9944, 30.3, 7.2),
+    (5, 563, 2.870, 33.7, 10.9),
+    (10, 137, 0.4491, 26.4, 13.0),
+    (10, 263, 0.9944, 27.9, 14.5),
+    (10, 563, 2.870, 32.1, 17.5),
+]
+
+
+@pytest.mark.parametrize(("gap", "weight", "force", "height", "pressure"), TABLE_6_1)
+def test_table_6_1(gap, weight, force, height, pressure):
+    friction = weight * gram * GRAVITY / 2 / force
+    scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=gap * mm, mass=weight * gram, friction=friction)
+    grasp = sg.pressure_for(scene)
+    assert float(grasp.required_force) == pytest.approx(force, rel=1e-12)
+    assert float(grasp.force) == pytest.approx(force, rel=1e-12)
+    # The thesis steps the pressure (algorithm 4) and cuts digits: one unit of the last printed digit.
+    assert float(grasp.pressure) / kPa == pytest.approx(pressure, abs=0.1)
+    if (gap, weight) == (10, 137):
+        # h = 26.4 is a misprint, most likely: no pressure near 13.0 kPa gives it, and every other row fits.
+        assert float(grasp.height) / mm == pytest.approx(25.5, abs=0.1)
+    else:
+        assert float(grasp.height) / mm == pytest.approx(height, abs=0.1)
+
+
+def test_figure_5_4_and_the_order_of_friction_coefficients():
+    """Fig. 5.4: 137 g, r 20, gap 5: 5.5 kPa and 28.1 mm. The implied coefficients fall with the force, as measured."""
+    implied = [weight * gram * GRAVITY / 2 / force for _, weight, force, *_ in TABLE_6_1[:3]]
+    assert implied == sorted(implied, reverse=True)
+    assert implied == pytest.approx([1.50, 1.30, 0.96], abs=0.01)
+
+
+def test_contact_begins_where_appendix_a_says():
+    """(A.1)-(A.4): theta_in = 2 atan(gap / a) in the free equations (3.7)."""
+    gap = 5e-3
+    wanted = ref.free(2 * np.arctan(gap / DESIGN["a"]), DESIGN)[0]
+    for scene in (
+        sg.shell.CylinderContact(shell(), radius=20 * mm, gap=gap),
+        sg.shell.FlatContact(shell(), distance=gap),
+    ):
+        below, above = sg.path(scene, [wanted * (1 - 1e-9), wanted * (1 + 1e-9)]).status
+        assert (sg.Status(int(below)), sg.Status(int(above))) == (sg.Status.NO_CONTACT, sg.Status.OK)
+    # Recomputed with an independent solver for issue 2: 2.31593 kPa.
+    assert wanted / kPa == pytest.approx(2.31593, rel=1e-5)
+    nothing = sg.solve(sg.shell.FlatContact(shell(), distance=gap), wanted * 0.5)
+    assert float(nothing.force) == 0.0
+
+
+def test_appendix_b_square_membrane():
+    """Side 15 mm, 1.1 mm, mu 111 kPa, d 5 mm, 41 kPa: 0.7554 N parallel; inclined by 10 degrees as by (4.18)-(B.3)."""
+    square = sg.FlatShell(a=7.5 * mm, b=7.5 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=111 * kPa))
+    p = {"a": 7.5e-3, "b": 7.5e-3, "t_m": 1.1e-3, "material": {"kind": ref.NEO, "mu": 111e3}, "distance": 5e-3}
+    for angle in (0.0, 10 * degree):
+        q = p | {"angle": angle}
+        theta = brentq(lambda x, q=q: float(ref.inclined(x, q)[0]) - 41e3, 1.2, 3.1, xtol=1e-15)
+        width = float(ref.inclined(theta, q)[1][0])
+        rho = q["a"] * angle / float(ref.touch_angle(5 / 7.5, angle))
+        force = 41e3 * np.pi / 4 * width**2 * (q["a"] - rho) / q["a"]
+        solution = sg.solve(sg.shell.InclinedContact(square, distance=5 * mm, angle=angle), 41 * kPa)
+        assert float(solution.force) == pytest.approx(force, rel=1e-9)
+        if angle == 0:
+            assert force == pytest.approx(0.7554, abs=5e-5)
+
+
+def test_smallest_object():
+    """Thesis 3.4.4: an object of height a or less cannot be held."""
+    assert float(sg.shell.smallest_object(shell())) == pytest.approx(16 * mm)
+
+
+# Finite elements of the same plates (FElupe 11.3, 27-node hexahedra, nearly incompressible neo-Hookean, clamped edges,
+# frictionless plane by penalty; uncertainty 0.2 to 0.5 %): what the assumption of circular arcs costs. Users are told.
+FE_FREE = {5.0: 7.9015, 10.0: 11.5134, 15.0: 15.7501}  # kPa: mm
+FE_FLAT = {5.0: 3.3115, 10.0: 11.2138, 15.0: 20.7274, 20.0: 31.3090}  # kPa: N, plane at 5 mm
+FE_LARGEST_PRESSURE = 19.55  # kPa
+
+
+def test_model_error_of_the_free_shell():
+    for pressure, inflation in FE_FREE.items():
+        model = float(sg.solve(sg.shell.Free(shell()), pressure * kPa).inflation) / mm
+        assert -0.155 < model / inflation - 1 < -0.12
+    assert float(sg.limit_pressure(sg.shell.Free(shell()))) / kPa / FE_LARGEST_PRESSURE - 1 == pytest.approx(
+        0.032, abs=0.002
+    )
+
+
+def test_model_error_of_flat_contact():
+    for pressure, force in FE_FLAT.items():
+        model = float(sg.solve(sg.shell.FlatContact(shell(), distance=5 * mm), pressure * kPa).force)
+        assert -0.22 < model / force - 1 < -0.10
+
+
+def test_plate_law_meets_the_finite_element_plate_at_low_pressure():
+    """(2.1) with C from `plate_coefficient`, at 2.5 kPa where delta / a = 0.36: 7 % below the finite elements.
+
+    That is the finite strain which the law leaves out (the neo-Hookean sheet softens); the arc model is 15 % below.
+    """
+    plate = sg.solve(sg.shell.Plate(shell()), 2.5 * kPa)
+    assert float(plate.inflation) / mm / 5.794 - 1 == pytest.approx(-0.07, abs=0.01)
+    assert np.isinf(float(sg.limit_pressure(sg.shell.Plate(shell()))))
