@@ -79,10 +79,10 @@ def solve(
     else:
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
     with Console(stderr=True).status("solving"):
-        if "pressure" in asked:
-            solution = solve_scene(read.scene, asked["pressure"])
-        else:
-            solution = pressure_for(read.scene, **asked)
+        try:
+            solution = (solve_scene if "pressure" in asked else pressure_for)(read.scene, **asked)
+        except ValueError as error:  # what the scene itself cannot take as a question
+            raise ConfigError(f"{config}, [solve]: {error}") from None
     if as_json:
         typer.echo(json.dumps(as_data(solution), indent=2, allow_nan=False))
     else:
