@@ -113,7 +113,7 @@ def question(config: Config) -> dict[str, float]:
     table, where = config.tables.get("solve", {}), f"{config.path}, [solve]"
     observables = type(config.scene).OBSERVABLES
     keys = {unit_key("pressure", "pressure"): ("pressure", "pressure")}
-    keys |= {unit_key(name, kind): (name, kind) for name, kind in observables.items()}
+    keys |= {unit_key(name, kind): (name, kind) for name, kind in observables.items() if kind != "position"}
     for key in table:
         if key not in keys:
             raise ConfigError(f"{where}: {_unknown(f'key {key}', key, keys)}")

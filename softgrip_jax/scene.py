@@ -207,6 +207,8 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
     if scene.OBSERVABLES.get(name) is None:
         allowed = ", ".join(scene.OBSERVABLES)
         raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
+    if scene.OBSERVABLES[name] == "position":
+        raise ValueError(f"{name} is a point (x, y); one pressure can meet one number.")
     return _pressure_for(scene, name, require(name, value, "finite", scene.OBSERVABLES[name]))
 
 

@@ -28,6 +28,7 @@ GRAVITY = 9.81
 
 DISPLAY = {
     "length": ("mm", mm),
+    "position": ("mm", mm),
     "area": ("mm^2", mm * mm),
     "force": ("N", N),
     "force_per_length": ("N/m", 1.0),
@@ -38,10 +39,11 @@ DISPLAY = {
     "number": ("", 1.0),
 }
 """What people read: kind of quantity -> (label, value of that unit in SI).
-Config keys, tables and axis labels take their unit from here."""
+Config keys, tables and axis labels take their unit from here. A position is a point (x, y), not one number."""
 
 SI = {
     "length": "m",
+    "position": "m",
     "area": "m^2",
     "force": "N",
     "force_per_length": "N/m",

@@ -203,6 +203,5 @@ def test_every_kind_has_a_unit_for_people_and_one_in_si():
 
 def test_the_same_key_for_every_unit_label():
     keys = [config.unit_key("x", kind) for kind in units.DISPLAY]
-    assert keys[:4] == ["x_mm", "x_mm2", "x_N", "x_N_per_m"]
-    assert len(set(keys)) == len(keys)
+    assert set(keys) >= {"x_mm", "x_mm2", "x_N", "x_N_per_m", "x_N_mm", "x_kPa", "x_deg", "x_g", "x"}
     assert all(part.isidentifier() for part in keys)
