@@ -1,4 +1,4 @@
-"""Every energy against its closed form in uniaxial, equibiaxial and pure shear: nominal stress S(lambda), textbook forms."""
+"""Every energy against its closed form in uniaxial, equibiaxial and pure shear: textbook nominal stresses."""
 
 import jax
 import jax.numpy as jnp

@@ -10,7 +10,8 @@ import numpy as np
 from jax import lax
 
 from ..checked import choice, is_concrete, nonnegative
-from ..numerics.roots import bracketed_root, implicit
+from ..numerics.curves import first_crossing, scan_curve
+from ..numerics.roots import implicit
 from ..objects import friction, friction_coefficient, friction_force
 from ..units import GRAVITY
 from .cylinder import CylinderContact
@@ -18,6 +19,9 @@ from .flat_shell import FlatShell, Scalar
 
 QUADRATURE_POINTS = 32
 """Gauss points on a quarter of the contact ellipse: exact to 1e-12 for axis ratios from 0.1 to 10."""
+
+FRICTION_RANGE = np.log(1e4)
+"""A required force is sought where the coefficient of friction is between 1e-4 and 1e4: every pair of materials."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
 _PHI, _DPHI = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
@@ -98,7 +102,10 @@ class Grasp(CylinderContact):
         }
 
     def required_force(self) -> Scalar:
-        """F_ext (N): the normal force whose friction carries one finger's share of the weight, thesis (6.2)."""
+        """F_ext (N): the least normal force whose friction carries one finger's share of the weight, thesis (6.2).
+
+        inf where no force does (friction that does not grow with the force).
+        """
         share = self.share()
         if not callable(self.friction):
             return share / self.friction
@@ -107,12 +114,13 @@ class Grasp(CylinderContact):
             friction, share = args
             return jnp.log(friction_force(friction, jnp.exp(log_force))) - jnp.log(jnp.where(share > 0, share, 1.0))
 
-        frozen = lax.stop_gradient((self.friction, share))
-        middle = jnp.log(jnp.where(frozen[1] > 0, frozen[1], 1.0))
-        # Coefficients of friction from 1e-4 to 1e4 cover every material pair.
-        width = jnp.log(1e4)
-        root = bracketed_root(lambda x: short(x, frozen), middle - width, middle + width).x
-        return jnp.where(share > 0, jnp.exp(implicit(short, root, (self.friction, share))), 0.0)
+        args = (self.friction, share)
+        fixed = lax.stop_gradient(args)
+        middle = jnp.log(jnp.where(fixed[1] > 0, fixed[1], 1.0))
+        scan = scan_curve(lambda x: short(x, fixed), middle - FRICTION_RANGE, middle + FRICTION_RANGE)
+        carried = first_crossing(lambda x: short(x, fixed), jnp.zeros_like(share), scan.x, scan.y, scan.x[-1])
+        force = jnp.where(carried.exists, jnp.exp(implicit(short, carried.x, args)), jnp.inf)
+        return jnp.where(share > 0, force, 0.0)
 
 
 def _ratio(value: Scalar, need: Scalar) -> Scalar:
