@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
@@ -139,27 +140,57 @@ def first_contact_angle(d_over_a: Scalar, incline: Scalar) -> Scalar:
     return 2 * jnp.arctan((d_over_a + s + jnp.sqrt(d_over_a * (d_over_a + 2 * s))) / (1 + c))
 
 
+SMALL_STRAIN = 3e-3
+"""Below it, T / (lambda - 1) is the mean of dT/dlambda by three Gauss points (error 2 strain^6); above, the quotient
+loses eps / strain, 1e-13 at most."""
+
+
+def tension_over_strain(material: Material, t_m: Scalar, strain: Scalar) -> Scalar:
+    """T / (lambda - 1) of a membrane stretched by lambda = 1 + strain both ways, N/m; regular at zero strain."""
+
+    def tension(stretch):
+        return tensions(material, t_m, stretch, stretch)[0]
+
+    small = jnp.abs(strain) < SMALL_STRAIN
+    tiny, safe = jnp.where(small, strain, 0.0), jnp.where(small, 1.0, strain)
+    mean = 0.0
+    for place, weight in ((0.5 - 0.15**0.5, 5 / 18), (0.5, 8 / 18), (0.5 + 0.15**0.5, 5 / 18)):
+        mean += weight * jax.jvp(tension, (1 + place * tiny,), (jnp.ones_like(strain),))[1]
+    return jnp.where(small, mean, tension(1 + safe) / safe)
+
+
 def inclined_wall(
     theta_m2: Scalar, a: Scalar, b: Scalar, t_m: Scalar, material: Material, d: Scalar, incline: Scalar
 ) -> InclinedWall:
     """The wall at theta_m2, every quantity explicit: (4.19), (4.26)-(4.34), with (4.30) for any strain energy.
 
-    d: distance of the plane along the interior edge, m, > 0; incline: theta_s, rad, >= 0 (0 is the parallel plane,
+    d: distance of the plane along the interior edge, m, >= 0; incline: theta_s, rad, >= 0 (0 is the parallel plane,
     where theta_m1 = theta_m2 and c_1 = c_2). The wall is stretched equally both ways (square assumption); b enters
-    by the stretch mapping (4.34) alone.
+    by the stretch mapping (4.34) alone. On a parallel plane d = 0 is a regular limit; on an inclined one the model
+    touches at the very edge there (rho* = a, no force) and depends on sqrt(d).
     """
     half = 0.5 * theta_m2
     s, c = jnp.sin(incline), jnp.cos(incline)
+    sine2 = jnp.sin(half) ** 2
     depth = d + 2 * a * s
-    rho = a * incline / first_contact_angle(d / a, incline)  # (4.19)
-    radius = depth / (2 * jnp.sin(half) ** 2)  # (4.27)
+    apart = d > 0
+    theta_i = first_contact_angle(jnp.where(apart, d / a, 1.0), incline)
+    rho = a * jnp.where(apart, incline / theta_i, jnp.sign(incline))  # (4.19)
+    radius = depth / (2 * sine2)  # (4.27)
     c_2 = (a + rho) * c - depth / jnp.tan(half)  # (4.26)
-    stretch = c + depth / (2 * (a + rho)) * (theta_m2 / jnp.sin(half) ** 2 - 2 / jnp.tan(half))  # (4.28)
-    theta_m1 = 2 * jnp.arcsin(jnp.sqrt(d / (2 * radius)))  # (4.31), regular where d << R
-    c_1 = 2 * a * stretch - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
+    bulge = (theta_m2 / sine2 - 2 / jnp.tan(half)) / (2 * (a + rho))
+    lean = -2 * jnp.sin(0.5 * incline) ** 2  # cos(theta_s) - 1
+    strain = lean + depth * bulge  # (4.28)
+    deep = depth > 0
+    safe_depth = jnp.where(deep, depth, 1.0)
+    part = jnp.sqrt(jnp.where(apart, d / safe_depth, 1.0))
+    theta_m1 = 2 * jnp.arcsin(jnp.sin(half) * jnp.where(apart | ~deep, part, 0.0))  # (4.31)
+    c_1 = 2 * a * (1 + strain) - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
     c_z = (c_1 + c_2) * b * (a - rho) / a**2  # (4.34)
-    tension, _ = tensions(material, t_m, stretch, stretch)
-    return InclinedWall(2 * tension / radius, stretch, radius, theta_m1, c_1, c_2, c_z, rho)  # p: (4.7), (4.30)
+    # p = 2 T / R, (4.7), (4.30), with T and R each in proportion to the depth where it is small.
+    strain_over_depth = bulge + jnp.where(deep, lean / safe_depth, 0.0)
+    pressure = 4 * sine2 * strain_over_depth * tension_over_strain(material, t_m, strain)
+    return InclinedWall(pressure, 1 + strain, radius, theta_m1, c_1, c_2, c_z, rho)
 
 
 def arc_chain(

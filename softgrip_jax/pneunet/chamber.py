@@ -7,24 +7,30 @@ loops of the beam.
 
 from __future__ import annotations
 
-from typing import Any
+import dataclasses
+from typing import Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..checked import finite, part
+from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
-from ..membrane import InclinedWall, inclined_wall
+from ..materials import NeoHookean
+from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.roots import bracketed_root, implicit
-from ..results import Solution, gate
-from ..scene import solve
-from .finger import PneuNet
+from ..results import Solution, Status, gate
+from ..scene import limit_pressure, solve
+from ..shell.flat_shell import has_largest_stretch, locking_angle
+from .finger import SEGMENT_FIELDS, PneuNet
 
 Scalar = Float[Array, ""]
 
 START = 1e-3
 """The search for the wall's angle starts at this part of the angle of first contact: the wall is flat there."""
+LEAST_ANGLE = 1e-6
+"""... but not at zero, for chambers without a gap: at this angle the pressure is 1e-18 mu t_m / a."""
 
 
 class Chamber(CurveScene):
@@ -34,6 +40,11 @@ class Chamber(CurveScene):
     M_T = F_p e_y sqrt(2 h_x / (2 h_x + h_L)) (4.37), (4.39). Contact begins where c_1 + c_2 = 0; the model ends at
     theta_m2 = pi.
 
+    The thesis has walls that open towards the outside, theta_s >= 0. Where they close (a finger bent backwards,
+    theta_s < 0) the same wall is seen from its other edge: at the distance h_x + 2 a sin(theta_s), inclined by
+    -theta_s, touching first at -rho*. That is continuous, with a kink at theta_s = 0, where derivatives are those of
+    the opening side. IMPOSSIBLE where the outer edges would overlap.
+
     Args:
         finger: a uniform finger (or one segment of a nonuniform one).
         inclination: theta_s, half the angle between the two walls, rad.
@@ -42,7 +53,7 @@ class Chamber(CurveScene):
     finger: PneuNet = part(PneuNet)
     inclination: Scalar = finite("angle")
 
-    OBSERVABLES = {
+    OBSERVABLES: ClassVar[dict[str, str]] = {
         "force": "force",
         "end_moment": "moment",
         "lever_arm": "length",
@@ -52,17 +63,42 @@ class Chamber(CurveScene):
         "clamp_angle": "angle",
     }
 
+    def _nearer_edge(self) -> tuple[Scalar, Scalar]:
+        """Distance of the contact plane from the wall's nearer edge, m, and its inclination away from there."""
+        f, th_s = self.finger, self.inclination
+        return jnp.where(th_s < 0, f.h_x + 2 * f.a * jnp.sin(th_s), f.h_x), jnp.where(th_s < 0, -th_s, th_s)
+
     def wall(self, angle: Scalar) -> InclinedWall:
         """The wall at theta_m2."""
         f = self.finger
-        return inclined_wall(angle, f.a, f.b, f.t_m, f.material, f.h_x, self.inclination)
+        distance, incline = self._nearer_edge()
+        return inclined_wall(angle, f.a, f.b, f.t_m, f.material, distance, incline)
+
+    def is_possible(self):
+        return self._nearer_edge()[0] >= 0
+
+    def search_interval(self) -> tuple[Scalar, Scalar]:
+        """theta_m2 from a flat wall to the end of the model."""
+        f = self.finger
+        start = START * jnp.arctan(jnp.maximum(self._nearer_edge()[0], 0.0) / f.a) + LEAST_ANGLE
+        end = jnp.pi + jnp.zeros_like(start)
+        if has_largest_stretch(f.material):
+            end = locking_angle(self._stretchable, start, end)
+        return start, end
+
+    def _stretchable(self, angle):
+        stretch = self.wall(angle).stretch
+        return self.finger.material.stretchable(stretch, stretch)
 
     def interval(self):
-        end = jnp.pi + jnp.zeros_like(self.finger.h_x + self.inclination)
-        return first_touch(lambda angle: self.wall(angle).contact_width, self._flat(), end), end
+        low, end = self.search_interval()
+        touch = bracketed_root(lambda angle: lax.stop_gradient(self.wall(angle).contact_width), low, end).x
+        return touch, end
 
-    def _flat(self):
-        return START * jnp.arctan(self.finger.h_x / self.finger.a)
+    def unbounded(self):
+        if not has_largest_stretch(self.finger.material):
+            return jnp.asarray(False)
+        return self._stretchable(jnp.pi + jnp.zeros_like(self.finger.h_x)) <= 0
 
     def load(self, angle):
         return self.wall(angle).pressure
@@ -73,10 +109,11 @@ class Chamber(CurveScene):
     def observe(self, angle, pressure):
         f, wall = self.finger, self.wall(angle)
         force = pressure * wall.contact_area
-        lever_arm = (0.5 * f.H + f.a - wall.rho) * jnp.cos(self.inclination)
+        rho = jnp.where(self.inclination < 0, -wall.rho, wall.rho)
+        lever_arm = (0.5 * f.H + f.a - rho) * jnp.cos(self.inclination)
         return {
             "force": force,
-            "end_moment": force * lever_arm * jnp.sqrt(2 * f.h_x / f.pitch),
+            "end_moment": force * lever_arm * gap_share(f),
             "lever_arm": lever_arm,
             "contact_width": wall.contact_width,
             "contact_length": wall.c_z,
@@ -85,14 +122,88 @@ class Chamber(CurveScene):
         }
 
 
-def first_touch(width, low: Scalar, high: Scalar) -> Scalar:
-    """theta_m2 where the contact width is zero and rising; no derivatives (nothing depends on it but a bracket)."""
-    return lax.stop_gradient(bracketed_root(lambda angle: lax.stop_gradient(width(angle)), low, high).x)
+def gap_share(finger: PneuNet) -> Scalar:
+    """sqrt(2 h_x / (2 h_x + h_L)) of (4.39): the moment on the gap as one on the whole segment, of equal energy.
+
+    Zero for h_x = 0, where its derivative by h_x, infinite in truth, is given as zero.
+    """
+    gap = finger.h_x > 0
+    return jnp.where(gap, jnp.sqrt(jnp.where(gap, 2 * finger.h_x, 1.0) / finger.pitch), 0.0)
 
 
-def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0) -> Solution:
-    """The contact of two chambers at a pressure (Pa) and an inclination theta_s (rad): see `Chamber`."""
-    return solve(Chamber(finger, inclination), pressure)
+class SmallStrainChamber(CurveScene):
+    """Infinitesimal-strain chambers, (4.1)-(4.6): the cheap rung. The curve's angle is atan(delta / a).
+
+    p = C E t_m delta^3 / a^4 (2.1), that is (4.3) with the exponent 1/3; F_p = 3 pi a^2 delta p / (4 (delta + h_x))
+    (4.5); e_y = H/2 + a. C from `membrane.plate_coefficient`, E = 3 mu. It knows no inclination and no limit. As for
+    finite strain, M_T is the moment of the gap spread over the segment, F_p e_y sqrt(2 h_x / (2 h_x + h_L)); (4.6) as
+    printed is force * lever_arm. Contact begins at delta = h_x, where F_p steps up from zero: the thesis assumes that
+    all chambers touch.
+    """
+
+    finger: PneuNet = part(PneuNet)
+
+    OBSERVABLES: ClassVar[dict[str, str]] = {
+        "force": "force",
+        "end_moment": "moment",
+        "lever_arm": "length",
+        "inflation": "length",
+    }
+
+    def interval(self):
+        start = jnp.arctan(self.finger.h_x / self.finger.a)
+        return start, jnp.zeros_like(start) + PLATE_END
+
+    def unbounded(self):
+        return jnp.asarray(True)
+
+    def _stiffness(self):
+        f = self.finger
+        return plate_coefficient(f.a / f.b) * 3 * f.material.shear_modulus() * f.t_m / f.a
+
+    def load(self, angle):
+        return self._stiffness() * jnp.tan(angle) ** 3
+
+    def pressure_scale(self):
+        return self.finger.material.shear_modulus() * self.finger.t_m / self.finger.a
+
+    def observe(self, angle, pressure):
+        f = self.finger
+        inflation = f.a * jnp.tan(angle)
+        force = 0.75 * jnp.pi * f.a**2 * inflation * pressure / (inflation + f.h_x)
+        lever_arm = 0.5 * f.H + f.a
+        return {
+            "force": force,
+            "end_moment": force * lever_arm * gap_share(f),
+            "lever_arm": lever_arm,
+            "inflation": inflation,
+        }
+
+
+PLATE_END = 0.5 * jnp.pi * (1 - 1e-9)
+"""delta grows without bound as its angle goes to pi/2."""
+
+
+def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0, model: str = "finite") -> Solution:
+    """The contact of two chambers at a pressure (Pa) and an inclination theta_s (rad).
+
+    model: "finite", see `Chamber`; "small", see `SmallStrainChamber` (without inclination). For a nonuniform finger
+    the Solution is a batch, one lane per segment (inclination: one for all, or one per segment).
+    """
+    if model not in ("finite", "small"):
+        raise ValueError(f"model is {model!r}; it must be 'finite' or 'small'.")
+    if model == "small" and not (is_concrete(to_float_array(inclination)) and jnp.all(inclination == 0)):
+        raise ValueError("The small-strain chamber knows no inclination: it must be 0.")
+
+    def one(finger, inclination):
+        return solve(SmallStrainChamber(finger) if model == "small" else Chamber(finger, inclination), pressure)
+
+    if finger.segments is None:
+        return one(finger, inclination)
+    count = finger.segments
+    fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
+    inclination = jnp.broadcast_to(to_float_array(inclination), (count,))
+    return jax.vmap(lambda fields, th_s: one(dataclasses.replace(finger, **fields), th_s))(fields, inclination)
 
 
 def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
@@ -108,29 +219,38 @@ def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
 
 
 def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
-    """The pressure (Pa) at which theta_m2 reaches pi, where the model of the wall ends."""
+    """The pressure (Pa) at which the model of a neo-Hookean wall ends, theta_m2 = pi; see also `limit_pressure`."""
     scene = Chamber(finger, inclination)
-    return scene.load(scene.interval()[1])
+    return limit_pressure(scene)
 
 
 def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
-    """M_T of `Chamber`, N m, by one scalar root: for inner loops. Zero, with zero derivatives, below contact.
+    """M_T of `Chamber`, N m, for inner loops. Zero, with zero derivatives, below contact; NaN where there is none.
 
-    NaN beyond `wall_limit`.
+    A neo-Hookean wall is one scalar root, for its pressure rises all along theta_m2; other materials are searched as
+    the scene is, for the first rising branch.
     """
     scene = Chamber(finger, inclination)
-    frozen, target = lax.stop_gradient((scene, pressure))
-    scale = frozen.pressure_scale()
-    end = jnp.pi + jnp.zeros_like(target + frozen.inclination)
-
-    def residual(angle, args):
-        scene, pressure, scale = args
-        return (scene.load(angle) - pressure) / scale
-
-    angle = bracketed_root(lambda x: residual(x, (frozen, target, scale)), frozen._flat() + 0 * end, end).x
-    inside = target <= frozen.load(end)
-    touching = inside & (frozen.wall(angle).contact_width > 0)
+    fixed, target = lax.stop_gradient((scene, pressure))
+    if isinstance(finger.material, NeoHookean):
+        low, high = fixed.search_interval()
+        angle = bracketed_root(lambda x: fixed.residual(x, target), low, high).x
+        inside = (target <= fixed.load(high)) & fixed.is_possible()
+        touching = inside & (fixed.wall(angle).contact_width > 0)
+    else:
+        found = fixed.find(target)
+        angle, touching = found.unknowns, found.status == Status.OK
+        inside = touching | (found.status == Status.NO_CONTACT)
     scene, pressure = gate(touching, (scene, pressure))
-    angle = implicit(residual, angle, (scene, pressure, scale))
+    angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
+
+
+def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
+    """M_T of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
+    scene = SmallStrainChamber(finger)
+    touching = pressure > scene.load(scene.interval()[0])
+    scene, pressure = gate(touching, (scene, pressure))
+    inflation = jnp.cbrt(jnp.where(touching, pressure, 1.0) / scene._stiffness())
+    return jnp.where(touching, scene.observe(jnp.arctan(inflation), pressure)["end_moment"], 0.0)
