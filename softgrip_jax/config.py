@@ -139,10 +139,12 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
     try:
         return model.model_validate(table)
     except pydantic.ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
+        # A misspelt key is two errors, one unknown and one missing: the first says more.
+        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            raise ConfigError(f"{where}: {_unknown(f'key {key}', key, model.model_fields)}") from None
+            known = model.model_fields if len(first["loc"]) == 1 else ()
+            raise ConfigError(f"{where}: {_unknown(f'key {key}', key, known)}") from None
         if first["type"] == "missing":
             raise ConfigError(f"{where}: the key {key} is missing.") from None
         reason = first["msg"].removeprefix("Value error, ").removeprefix("Input ").rstrip(".")

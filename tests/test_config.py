@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pydantic
 import pytest
 from conftest import ROOT
 from jaxtyping import Array, Float
@@ -154,6 +155,29 @@ def test_leaf_of_a_dotted_key():
     assert config.leaf(scene, "friction", "here").kind == "number"
     with pytest.raises(config.ConfigError, match=r"here: there is no number 'shell.t_mm'; did you mean t_m_mm\?"):
         config.leaf(scene, "shell.t_mm", "here")
+
+
+class Steps(pydantic.BaseModel):
+    """A section as a run might have it."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True)
+    steps: int = pydantic.Field(ge=1)
+
+
+@pytest.mark.parametrize(
+    ("table", "says"),
+    [
+        ({"stepps": 3}, "here: there is no key stepps; did you mean steps?"),
+        ({}, "here: the key steps is missing."),
+        ({"steps": 0}, "here: steps is 0; it should be greater than or equal to 1."),
+        ({"steps": "many"}, "here: steps is 'many'; it should be a valid integer."),
+    ],
+)
+def test_sections_of_runs(table, says):
+    assert config.validated(Steps, {"steps": 3}, "here").steps == 3
+    with pytest.raises(config.ConfigError) as caught:
+        config.validated(Steps, table, "here")
+    assert str(caught.value) == says
 
 
 class Pusher(Scene):
