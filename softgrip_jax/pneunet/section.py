@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..materials import Material, MooneyRivlin, NeoHookean
 from ..numerics.roots import bracketed_root, implicit, solve_small
@@ -287,6 +287,13 @@ class ExactQuadrature(SectionLaw):
     def loads(self, z, stretch):
         return jax.grad(self.energy, argnums=(0, 1))(z, stretch)
 
+    def holds(self, z: Scalar, stretch: Scalar) -> Bool[Array, ""]:
+        """True where both outer fibres exist and the material can follow them (beyond a lock, stresses lie)."""
+        inner, outer = stretch**2 - jnp.abs(z), stretch**2 + jnp.abs(z)
+        exists = (stretch > 0) & (inner > 0)
+        fibres = jnp.sqrt(jnp.where(exists, jnp.stack([inner, outer]), 1.0))
+        return exists & jnp.all(jax.vmap(lambda s: self.material.stretchable(s, 1 / s))(fibres) > 0)
+
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)
         wanted = jnp.stack([m, n])
@@ -311,7 +318,7 @@ def _quadrature_state(law, wanted):
         trial = y + fraction * move
         r = residual(trial)
         norm = jnp.linalg.norm(r)
-        better = (norm < error) & (trial[1] > 0) & (jnp.abs(trial[0]) < trial[1] ** 2)
+        better = (norm < error) & law.holds(trial[0], trial[1])
         fresh = -solve_small(jax.jacfwd(residual)(trial), r)
         return (
             jnp.where(better, trial, y),
@@ -326,7 +333,7 @@ def _quadrature_state(law, wanted):
         return (error > 0) & (fraction > 1e-3) & (count < QUADRATURE_STEPS)
 
     z, stretch = ExactNeoHookean()(wanted[0], wanted[1])
-    start = jnp.where(jnp.isnan(z), jnp.array([0.0, 1.0]), jnp.stack([z, stretch]))
+    start = jnp.where(law.holds(z, stretch), jnp.stack([z, stretch]), jnp.array([0.0, 1.0]))
     y, error, *_ = lax.while_loop(
         busy, step, (start, jnp.inf * jnp.ones_like(z), jnp.ones_like(z), jnp.zeros_like(start), jnp.asarray(0))
     )
