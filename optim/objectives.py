@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -83,7 +84,7 @@ class Goal:
         if (self.kind == "reach") != (self.target is not None):
             raise ValueError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
-    def term(self, value: Scalar, scale: Scalar) -> Scalar:
+    def term(self, value: Scalar, scale: float) -> Scalar:
         if self.target is not None:
             return self.weight * ((value - self.target) / scale) ** 2
         return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
@@ -178,6 +179,11 @@ class Problem:
         good, missing = jnp.stack(statuses) == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
         return Measured(jnp.stack(values), jnp.sum(missing), jnp.stack(statuses))
+
+    @cached_property
+    def compiled(self) -> Any:
+        """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""
+        return jax.jit(jax.vmap(self.measure_with_slopes))
 
     def measure_with_slopes(self, t: Float[Array, " n"]) -> tuple[Measured, Measured]:
         """`measure` and its derivatives by t (of values and shortfall), all variables in one forward pass.

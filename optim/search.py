@@ -28,7 +28,7 @@ from scipy.stats import qmc
 
 from softgrip_jax.results import Status
 
-from .objectives import Problem, Scales
+from .objectives import Judged, Problem, Scales
 from .variables import to_free, to_unit
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
@@ -93,8 +93,7 @@ class Evaluator:
     """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves."""
 
     def __init__(self, problem: Problem, chunk: int):
-        self.chunk, self.solves = chunk, 0
-        self._compiled = jax.jit(jax.vmap(problem.measure_with_slopes))
+        self.problem, self.chunk, self.solves = problem, chunk, 0
 
     def __call__(self, t: Any) -> Found:
         t = np.atleast_2d(np.asarray(t, dtype=float))
@@ -103,7 +102,9 @@ class Evaluator:
         for start in range(0, len(t), self.chunk):
             rows = t[start : start + self.chunk]
             missing = self.chunk - len(rows)
-            parts.append(self._compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)]))))
+            parts.append(
+                self.problem.compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])))
+            )
         found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
         return Found(found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses)
 
@@ -112,6 +113,8 @@ class Lane(NamedTuple):
     """One descent: what it carries from step to step."""
 
     u: Float[Array, " n"]
+    t: Float[Array, " n"]
+    """The unit values of u."""
     memory: Any
     """Of the optimiser."""
     multipliers: Float[Array, " m"]
@@ -198,7 +201,7 @@ def search(
     at_reference = evaluate(reference_t)
     compiled = time.perf_counter()
     scales = problem.scales(at_reference.values[0])
-    judge = jax.jit(lambda values: problem.judge(values, scales))
+    judge = jax.jit(lambda values: _judged_with_slopes(problem, scales, values))
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
@@ -210,7 +213,7 @@ def search(
     candidates = np.asarray(lanes.best_t)[
         _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]
     ]
-    finished = np.stack([_finish(t, evaluate, problem, scales) for t in candidates])
+    finished = np.stack([_finish(t, evaluate, judge, bool(problem.sides)) for t in candidates])
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
     both = zip(
         _designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True
@@ -248,6 +251,7 @@ def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, d
     m = len(problem.sides)
     lanes = Lane(
         u,
+        jnp.asarray(t),
         jax.vmap(rule.init)(u),
         jnp.zeros((count, m)),
         jnp.full(count, PENALTY),
@@ -260,7 +264,8 @@ def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, d
     found = None
     rows = []
     for step in range(steps):
-        fresh = evaluate(to_unit(lanes.u[moving]))
+        # NumPy picks the rows: JAX would compile a gather for every number of them.
+        fresh = evaluate(np.asarray(lanes.t)[moving])
         # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
         found = (
             fresh
@@ -290,8 +295,7 @@ def _replaced(old: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
 
 def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found, step: Any) -> Lane:
     """One step of one lane, from what was found at its u."""
-    judged = problem.judge(found.values, scales)
-    slopes = jax.jacfwd(partial(problem.judge, scales=scales))(found.values)
+    judged, slopes = _judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
     pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * judged.violations)
     objective_slope = slopes.objective @ found.value_slopes
@@ -305,20 +309,27 @@ def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found,
     better = rank < lane.best_rank
     due = in_equilibrium & (step % PERIOD == PERIOD - 1)
     stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * lane.last_violation))
-    t, moved = to_unit(lane.u), jnp.max(jnp.abs(to_unit(u) - to_unit(lane.u)))
+    t = to_unit(u)
+    moved = jnp.max(jnp.abs(t - lane.t))
     resting = in_equilibrium & (moved < AT_REST) & (violation < NEARLY)
     done = lane.rest >= PERIOD
     new = Lane(
         u,
+        t,
         memory,
         jnp.where(due, pull, lane.multipliers),
         jnp.where(stubborn, jnp.minimum(PENALTY_GROWTH * lane.penalty, PENALTY_MAX), lane.penalty),
         jnp.where(due, violation, lane.last_violation),
         jnp.where(resting, lane.rest + 1, 0),
-        jnp.where(better, t, lane.best_t),
+        jnp.where(better, lane.t, lane.best_t),
         jnp.where(better, rank, lane.best_rank),
     )
     return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), lane, new)
+
+
+def _judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:
+    """`Problem.judge` and its derivatives by the quantities."""
+    return problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values)
 
 
 def _rank(objective, violation, shortfall, tolerance=FEASIBLE):
@@ -336,11 +347,8 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
     return kept
 
 
-def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales) -> np.ndarray:
+def _finish(t: np.ndarray, evaluate: Evaluator, judge: Any, constrained: bool) -> np.ndarray:
     """The local optimum near t, on its active constraints and bounds, by SLSQP with exact slopes."""
-    judge = jax.jit(
-        lambda values: (problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values))
-    )
     seen: dict[bytes, tuple[float, np.ndarray, np.ndarray, np.ndarray]] = {}
 
     def look(t):
@@ -357,9 +365,7 @@ def _finish(t: np.ndarray, evaluate: Evaluator, problem: Problem, scales: Scales
                 seen[key] = (objective, by_value @ by_t, violations, pushes @ by_t)
         return seen[key]
 
-    constraints = (
-        [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if problem.sides else []
-    )
+    constraints = [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if constrained else []
     found = minimize(
         lambda t: look(t)[0],
         t,
@@ -378,7 +384,7 @@ def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -
     found, space, designs = evaluate(t), problem.space, []
     labels = problem.constraint_labels()
     for k, row in enumerate(t):
-        judged = judge(found.values[k])
+        judged, _ = judge(found.values[k])
         violations = np.asarray(judged.violations)
         rank = float(_rank(judged.objective, np.max(violations, initial=0.0), found.shortfall[k]))
         active = [label for label, v in zip(labels, violations, strict=True) if abs(v) < ACTIVE]

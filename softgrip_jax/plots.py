@@ -81,7 +81,7 @@ def compare(solutions: Mapping[str, Solution]) -> Figure:
         figure = Figure(figsize=(WIDTH, WIDTH))
         grid = figure.subplots(len(solutions), len(views), squeeze=False, sharex="col", sharey=True)
         for row, (label, solution) in zip(grid, solutions.items(), strict=True):
-            painters[label][1](solution, row)
+            painters[label][1](solution, list(row))
             pressure = f"{float(solution.pressure) / kPa:.3g} kPa"
             row[0].set_title(f"{label}: {pressure}" if label else pressure, loc="left", fontweight="bold")
         for ax, view in zip(grid[-1], views, strict=True):
@@ -126,7 +126,11 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
         if np.isfinite(limit):
             ax.plot(x[top], limit / kPa, "o", color=VERMILION, markersize=5, zorder=5)
             ax.annotate(
-                f"limit {limit / kPa:.4g} kPa", (x[top], limit / kPa), (0, 6), textcoords="offset points", ha="center"
+                f"limit {limit / kPa:.4g} kPa",
+                (x[top], limit / kPa),
+                (0, 6),
+                textcoords="offset points",
+                ha="center" if top < len(x) - 1 else "right",
             )
         if np.isfinite(limit) and own:
             # Behind the limit the curve runs far away: as much of it as there is before the limit says enough.
@@ -149,9 +153,10 @@ def convergence(history: Mapping[str, np.ndarray], label: str = "best objective"
         above.plot(steps, best, color=BLUE)
         above.set_ylabel(label)
         colours = {"with_equilibrium": BLUE, "feasible": GREEN, "moving": VERMILION}
+        words = {"with_equilibrium": "solved", "feasible": "feasible", "moving": "moving"}
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}
         for name, colour in colours.items():
-            below.plot(steps, history[name], color=colour, linestyle=styles[name], label=name.replace("_", " "))
+            below.plot(steps, history[name], color=colour, linestyle=styles[name], label=words[name])
         below.set_ylim(bottom=0)
         below.set_xlabel("step")
         below.set_ylabel("lanes")

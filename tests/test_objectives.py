@@ -1,0 +1,170 @@
+"""Goals and limits: the quantities are those of the library, their slopes are right, and failure leads back."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import ROD, shell
+
+import softgrip_jax as sg
+from optim.objectives import NEAR_LIMIT, Goal, Limits, Problem, Quantity
+from optim.variables import Space, Variable
+from softgrip_jax.results import Status
+from softgrip_jax.units import gram, kPa, mm
+
+PRESSURE = 15 * kPa
+
+
+def scenes():
+    return {
+        "lift": sg.shell.Grasp(shell(), mass=563 * gram, friction=0.96, **ROD),
+        "free": sg.shell.Free(shell()),
+    }
+
+
+@pytest.fixture(scope="module")
+def problem():
+    tied = " = ".join(f"{scene}.shell.{{0}}" for scene in ("lift", "free"))
+    variables = [
+        Variable(tied.format("a"), 8 * mm, 24 * mm),
+        Variable(tied.format("b"), 25 * mm, 60 * mm),
+        Variable(tied.format("t_m"), 0.4 * mm, 2 * mm, "log"),
+    ]
+    goals = [
+        Goal("minimise", Quantity("pressure", "required", "lift"), weight=2.0),
+        Goal("reach", Quantity("inflation", PRESSURE, "free"), target=14 * mm),
+    ]
+    limits = [
+        Limits(Quantity("limit_margin", "required", "lift"), low=1.25),
+        Limits(Quantity("stretch", PRESSURE, "free"), low=1.0, high=1.5),
+        Limits(Quantity("limit_pressure", None, "free"), low=10 * kPa),
+    ]
+    return Problem(Space(scenes(), variables), goals, limits)
+
+
+# Unit values: a good design, one whose grasp is beyond its limit, one whose free inflation is, one that cannot exist.
+GOOD, WEAK, THIN, WRONG = [0.5, 0.5, 0.6], [0.3, 0.02, 0.35], [0.9, 0.9, 0.05], [1.0, -0.2, 0.5]
+
+
+@pytest.fixture(scope="module")
+def measured(problem):
+    """Every point with its steps for central differences, in one batch."""
+    step = 1e-5
+    points = [np.array(p) + step * k * e for p in (GOOD, WEAK, THIN, WRONG) for k in (0, 1, -1) for e in np.eye(3)]
+    found, slopes = problem.compiled(jnp.array(points))
+    shape = (4, 3, 3)  # point, step, variable
+
+    def numeric(values):
+        values = np.asarray(values).reshape(*shape, *values.shape[1:])
+        return np.moveaxis((values[:, 1] - values[:, 2]) / (2 * step), 1, -1)
+
+    first = [0, 9, 18, 27]
+    return found, slopes, numeric(found.values), numeric(found.shortfall), first
+
+
+def test_quantities_are_the_answers_of_the_library(problem, measured):
+    found, _, _, _, first = measured
+    changed = problem.space.scenes_at(problem.space.from_unit(jnp.array(GOOD)))
+    lift, free = sg.pressure_for(changed["lift"]), sg.solve(changed["free"], PRESSURE)
+    expected = {
+        "lift.pressure at required": lift.pressure,
+        "free.inflation at 15 kPa": free.inflation,
+        "lift.limit_margin at required": sg.limit_pressure(changed["lift"]) / lift.pressure,
+        "free.stretch at 15 kPa": free.stretch,
+        "free.limit_pressure": sg.limit_pressure(changed["free"]),
+    }
+    assert [problem.label(q) for q in problem.quantities] == list(expected)
+    np.testing.assert_allclose(found.values[first[0]], list(expected.values()), rtol=1e-10)
+    assert float(found.shortfall[first[0]]) == 0
+
+
+def test_slopes_are_finite_differences(measured):
+    found, slopes, by_value, by_shortfall, first = measured
+    scale = np.abs(np.asarray(found.values))[first[0]][:, None]
+    np.testing.assert_allclose(slopes.values[first[0]] / scale, by_value[0] / scale, rtol=1e-6, atol=1e-7)
+    for k in range(1, 4):
+        np.testing.assert_allclose(slopes.shortfall[first[k]], by_shortfall[k], rtol=1e-6, atol=1e-7)
+
+
+def test_a_task_out_of_reach_falls_short_by_what_the_limit_leaves(problem, measured):
+    found, slopes, _, _, first = measured
+    lift = problem.space.scenes_at(problem.space.from_unit(jnp.array(WEAK)))["lift"]
+    assert int(sg.pressure_for(lift).status) == Status.BEYOND_LIMIT
+    reached = sg.solve(lift, NEAR_LIMIT * sg.limit_pressure(lift)).security
+    short = 1 - float(reached)
+    assert short > 0
+    np.testing.assert_allclose(found.shortfall[first[1]], short, rtol=1e-9)
+    assert np.all(np.isfinite(slopes.shortfall[first[1]]))
+    assert np.any(np.asarray(slopes.shortfall[first[1]]) != 0)
+
+
+def test_a_pressure_out_of_reach_falls_short_by_the_limit_pressure(problem, measured):
+    found, _, _, _, first = measured
+    free = problem.space.scenes_at(problem.space.from_unit(jnp.array(THIN)))["free"]
+    limit = float(sg.limit_pressure(free))
+    assert limit < PRESSURE
+    expected = 1 / NEAR_LIMIT - limit / PRESSURE
+    assert float(found.shortfall[first[2]]) >= expected * (1 - 1e-9)
+    assert Status.BEYOND_LIMIT in np.asarray(found.statuses[first[2]])
+
+
+def test_the_impossible_is_led_back_to_the_start(problem, measured):
+    found, slopes, _, _, first = measured
+    assert Status.IMPOSSIBLE in np.asarray(found.statuses[first[3]])
+    home = problem.space.to_unit(problem.space.reference)
+    towards = home - np.array(WRONG)
+    assert float(towards @ np.asarray(slopes.shortfall[first[3]])) < 0
+
+
+def test_judgement_by_hand(problem):
+    values = np.array([12 * kPa, 13 * mm, 1.1, 1.6, 8 * kPa])
+    scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
+    judged = problem.judge(jnp.array(values), scales)
+    np.testing.assert_allclose(judged.objective, 2 * 1.2 + (1 / 14) ** 2, rtol=1e-12)
+    expected = [(1.25 - 1.1) / 1.25, (1.0 - 1.6) / 1.0, (1.6 - 1.5) / 1.5, (10 - 8) / 10]
+    np.testing.assert_allclose(judged.violations, expected, rtol=1e-12)
+    assert problem.constraint_labels() == [
+        "lift.limit_margin at required at least 1.25",
+        "free.stretch at 15 kPa at least 1",
+        "free.stretch at 15 kPa at most 1.5",
+        "free.limit_pressure at least 10 kPa",
+    ]
+
+
+def test_unknown_values_count_for_nothing(problem):
+    scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
+    judged = problem.judge(jnp.full(5, jnp.nan), scales)
+    assert float(judged.objective) == 0
+    np.testing.assert_array_equal(judged.violations, np.zeros(4))
+
+
+def test_a_start_without_size_asks_for_a_scale(problem):
+    with pytest.raises(ValueError, match="is nan at the starting design"):
+        problem.scales([np.nan] * 5)
+
+
+def _make(goals, limits=()):
+    return Problem(Space(scenes(), [Variable("lift.gap", 2 * mm, 9 * mm)]), goals, limits)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: _make([]), "There is no goal"),
+        (lambda: _make([Goal("shrink", Quantity("force", 1e3, "lift"))]), "'shrink' is not known"),
+        (lambda: _make([Goal("reach", Quantity("force", 1e3, "lift"))]), "'reach' needs a target"),
+        (lambda: _make([Goal("minimise", Quantity("force", 1e3, "drop"))]), "must be one of lift, free"),
+        (
+            lambda: _make([Goal("minimise", Quantity("froce", 1e3, "lift"))]),
+            "Grasp has no observable 'froce'; it has: force",
+        ),
+        (lambda: _make([Goal("minimise", Quantity("force", None, "lift"))]), "needs a state"),
+        (lambda: _make([Goal("minimise", Quantity("force", "soon", "lift"))]), "the state must be a pressure"),
+        (
+            lambda: _make([Goal("minimise", Quantity("force", 1e3, "lift"))], [Limits(Quantity("force", 1e3, "lift"))]),
+            "has no bound",
+        ),
+    ],
+)
+def test_mistakes_are_named(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()

@@ -1,0 +1,189 @@
+"""The search: known optima of published problems, and the shell gripper against SciPy's differential evolution."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import shell
+from scipy.optimize import differential_evolution
+
+import softgrip_jax as sg
+from optim.objectives import Goal, Limits, Measured, Problem, Quantity
+from optim.search import FEASIBLE, search
+from optim.variables import Space, Variable
+from softgrip_jax.results import Status
+from softgrip_jax.units import gram, kPa, mm
+
+
+class Formulas(Problem):
+    """A problem of mathematics instead of physics: quantities are formulas of the variables, the first the objective.
+
+    The scene only lends its numbers to be the variables.
+    """
+
+    LEAVES = ("shell.a", "shell.b", "shell.t_m", "gap")
+
+    def __init__(self, formulas, low, high, limits=(), start=None):
+        scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm)
+        names = [self.LEAVES[k] for k in range(len(low))]
+        space = Space({"toy": scene}, [Variable(n, lo, hi) for n, lo, hi in zip(names, low, high, strict=True)])
+        space.reference = np.array(start, dtype=float) if start is not None else 0.5 * (space.low + space.high)
+        # Any observable will do: `measure` below gives them their values.
+        labels = list(sg.shell.Grasp.OBSERVABLES)
+        quantities = [Quantity(labels[k], "required", "toy") for k in range(len(formulas))]
+        sides = [Limits(q, high=bound, scale=1.0) for q, bound in zip(quantities[1:], limits, strict=True)]
+        super().__init__(space, [Goal("minimise", quantities[0], scale=1.0)], sides)
+        self.formulas = formulas
+
+    def measure(self, t):
+        x = self.space.from_unit(t)
+        return Measured(jnp.stack([f(x) for f in self.formulas]), jnp.asarray(0.0), jnp.zeros(1, int))
+
+
+def rosen_suzuki():
+    """Hock and Schittkowski 1981, problem 43: the optimum is -44 at (0, 1, 2, -1), the first and third limit active."""
+
+    def objective(x):
+        a, b, c, d = x
+        return a**2 + b**2 + 2 * c**2 + d**2 - 5 * a - 5 * b - 21 * c + 7 * d
+
+    limits = [
+        lambda x: x[0] ** 2 + x[1] ** 2 + x[2] ** 2 + x[3] ** 2 + x[0] - x[1] + x[2] - x[3],
+        lambda x: x[0] ** 2 + 2 * x[1] ** 2 + x[2] ** 2 + 2 * x[3] ** 2 - x[0] - x[3],
+        lambda x: 2 * x[0] ** 2 + x[1] ** 2 + x[2] ** 2 + 2 * x[0] - x[1] - x[3],
+    ]
+    return Formulas([objective, *limits], [-3.0] * 4, [3.0] * 4, [8.0, 10.0, 5.0])
+
+
+def test_constrained_optimum_is_the_published_one():
+    found = search(rosen_suzuki(), starts=16, steps=60)
+    assert found.best.objective == pytest.approx(-44, abs=1e-5)
+    np.testing.assert_allclose(found.best.x, [0, 1, 2, -1], atol=1e-4)
+    assert found.best.violation <= FEASIBLE
+    assert found.best.active == ("force_z at required at most 8 N", "flat_length at required at most 5000 mm")
+
+
+def test_the_same_seed_gives_the_same_answer():
+    problem = rosen_suzuki()
+    one, two = (search(problem, starts=8, steps=20, seed=5) for _ in range(2))
+    other = search(problem, starts=8, steps=20, seed=6)
+    np.testing.assert_array_equal([d.x for d in one.designs], [d.x for d in two.designs])
+    for name, values in one.history.items():
+        np.testing.assert_array_equal(values, two.history[name])
+    assert not np.array_equal(one.history["best_objective"], other.history["best_objective"])
+    assert one.solves == two.solves
+
+
+def test_all_distinct_optima_are_found():
+    """Himmelblau 1972: four minima of value zero."""
+    himmelblau = Formulas([lambda x: (x[0] ** 2 + x[1] - 11) ** 2 + (x[0] + x[1] ** 2 - 7) ** 2], [-5.0] * 2, [5.0] * 2)
+    found = search(himmelblau, starts=32, steps=40)
+    minima = [(3, 2), (-2.805118, 3.131312), (-3.779310, -3.283186), (3.584428, -1.848126)]
+    assert len(found.designs) == 4
+    for minimum in minima:
+        assert min(np.max(np.abs(d.x - minimum)) for d in found.designs) < 1e-4
+
+
+def test_an_optimum_on_a_bound_is_on_it():
+    slope = Formulas([lambda x: x[0] + (x[1] - 1.0) ** 2], [2.0, 0.0], [7.0, 3.0])
+    best = search(slope, starts=4, steps=40).best
+    assert best.x[0] == 2.0
+    assert best.x[1] == pytest.approx(1.0, abs=1e-5)
+    assert best.active == ("shell.a at its lower bound",)
+
+
+def test_what_cannot_be_kept_is_reported_with_its_violation():
+    torn = Formulas([lambda x: x[0], lambda x: x[0], lambda x: -x[0]], [0.0], [1.0], [0.3, -0.5])
+    best = search(torn, starts=4, steps=40).best
+    assert not best.feasible
+    assert best.violation >= 0.1 * (1 - 1e-6)  # halfway between 0.3 and 0.5 is the least
+
+
+@pytest.mark.parametrize("optimiser", ["adabelief", "nadam", "sgd", "lion"])
+def test_optimisers_by_name(optimiser):
+    bowl = Formulas([lambda x: (x[0] - 1) ** 2 + 10 * (x[1] - 2) ** 2], [0.0, 0.0], [3.0, 3.0])
+    np.testing.assert_allclose(search(bowl, starts=4, steps=30, optimiser=optimiser).best.x, [1, 2], atol=1e-4)
+
+
+def test_lanes_stop_when_they_rest():
+    bowl = Formulas([lambda x: (x[0] - 1) ** 2], [0.0], [3.0])
+    found = search(bowl, starts=8, steps=200)
+    assert len(found.history["moving"]) < 200
+    assert found.solves < 8 * 200
+    assert found.history["moving"][-1] == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [({"optimiser": "adma"}, "must be one of adam"), ({"starts": 0}, "starts is 0"), ({"steps": 0}, "steps is 0")],
+)
+def test_mistakes_are_named(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        search(rosen_suzuki(), **arguments)
+
+
+# --- the shell gripper ------------------------------------------------------------------------------------------------
+
+LOW, HIGH = np.array([8, 25, 0.8, 2]) * mm, np.array([24, 50, 2, 12]) * mm
+MARGIN, STRETCH = 1.25, 1.12
+
+
+def gripper(x):
+    """A shell gripper of dimensions a, b, t_m, gap that shall hold 563 g."""
+    membrane = sg.FlatShell(a=x[0], b=x[1], t_m=x[2], material=sg.NeoHookean(mu=175 * kPa))
+    return sg.shell.Grasp(membrane, radius=20 * mm, gap=x[3], mass=563 * gram, friction=0.96)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """From a start that is far too weak to hold the cylinder."""
+    weak = gripper(np.array([13, 25.5, 0.9, 5]) * mm)
+    assert int(sg.pressure_for(weak).status) == Status.BEYOND_LIMIT
+    names = ("shell.a", "shell.b", "shell.t_m", "gap")
+    space = Space({"scene": weak}, [Variable(n, lo, hi) for n, lo, hi in zip(names, LOW, HIGH, strict=True)])
+    limits = [
+        Limits(Quantity("limit_margin", "required"), low=MARGIN),
+        Limits(Quantity("stretch", "required"), high=STRETCH),
+    ]
+    problem = Problem(space, [Goal("minimise", Quantity("pressure", "required"), scale=10 * kPa)], limits)
+    return search(problem, starts=16, steps=50, seed=1)
+
+
+def test_designs_without_equilibrium_climb_back(found):
+    assert not found.reference.feasible
+    assert found.reference.statuses == (Status.BEYOND_LIMIT,)
+    with_equilibrium = found.history["with_equilibrium"]
+    assert with_equilibrium[0] < 12
+    assert with_equilibrium[-1] == 16
+
+
+def test_the_shell_optimum_is_not_beaten_by_differential_evolution(found):
+    @jax.jit
+    @jax.vmap
+    def judge(x):
+        solution, limit = sg.pressure_for(gripper(x)), sg.limit_pressure(gripper(x))
+        ok = solution.status == Status.OK
+        broken = jnp.maximum(0, MARGIN - limit / solution.pressure) + jnp.maximum(0, solution.stretch - STRETCH)
+        return jnp.where(ok, solution.pressure / kPa + 1e3 * broken, 1e4)
+
+    # Chunks of one size: the population is compiled once.
+    def cost(columns):
+        return np.asarray(judge(jnp.asarray(columns.T)))
+
+    best = found.best
+    assert best.feasible
+    assert float(cost(best.x[:, None] * np.ones(40))[0]) == pytest.approx(best.values[0] / kPa, rel=1e-3)
+    rival = differential_evolution(
+        cost,
+        list(zip(LOW, HIGH, strict=True)),
+        popsize=10,
+        maxiter=150,
+        tol=0,
+        rng=3,
+        vectorized=True,
+        updating="deferred",
+        polish=False,
+    )
+    assert best.values[0] / kPa <= rival.fun * (1 + 1e-6)
+    # The rival comes near: neither of the two is lost in another valley.
+    assert rival.fun == pytest.approx(best.values[0] / kPa, rel=2e-2)
