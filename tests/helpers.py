@@ -100,11 +100,11 @@ def reference(case: Case) -> tuple[sg.Scene, dict[str, np.ndarray]]:
     return scene, {name: np.asarray(value) for name, value in solution.observables.items()}
 
 
-def relative(case: Case) -> tuple[int, Callable[[jax.Array], jax.Array]]:
+def relative(case: Case, inverse: bool) -> tuple[int, Callable[[jax.Array], jax.Array]]:
     """(n, f): f takes n relative changes of every float leaf and, last, of the pressure or the target.
 
-    f returns every observable at the pressure, the pressure for the target, and the limit pressure where there is
-    one, each divided by its value at no change, so that all derivatives are of order one.
+    f returns every observable at the pressure, or (inverse) the pressure for the target and the limit pressure where
+    there is one, each divided by its value at no change, so that all derivatives are of order one.
     """
     scene, observed = reference(case)
     leaves, rebuild = ravel_pytree(scene)
@@ -114,10 +114,11 @@ def relative(case: Case) -> tuple[int, Callable[[jax.Array], jax.Array]]:
 
     def f(change):
         changed = rebuild(leaves * (1 + change[:-1]))
-        solution = sg.solve(changed, case.pressure * (1 + change[-1]))
-        out = [jnp.ravel(solution.observables[name] / observed[name]) for name in names]
-        inverse = sg.pressure_for(changed, **{case.target: value * (1 + change[-1])})
-        out.append(inverse.pressure[None] / case.pressure)
+        if not inverse:
+            solution = sg.solve(changed, case.pressure * (1 + change[-1]))
+            return jnp.concatenate([jnp.ravel(solution.observables[name] / observed[name]) for name in names])
+        solution = sg.pressure_for(changed, **{case.target: value * (1 + change[-1])})
+        out = [solution.pressure[None] / case.pressure]
         if case.has_limit:
             out.append(sg.limit_pressure(changed)[None] / limit)
         return jnp.concatenate(out)

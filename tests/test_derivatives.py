@@ -13,9 +13,22 @@ STEP = 2e-3
 """Relative step of the differences: sixth order leaves 1e-13 of truncation, and rounding of 1e-15 / 2e-3."""
 
 
+INVERSE = ("flat-yeoh", "cylinder", "grasp-eccentric")
+"""Cases whose pressure_for and limit_pressure are differentiated too: one of each shape of the curve (compile time)."""
+
+
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_forward_reverse_and_differences_agree(case: Case):
-    n, f = relative(case)
+    check(*relative(case, inverse=False))
+
+
+@pytest.mark.parametrize("case", [case for case in CASES if case.name in INVERSE], ids=str)
+def test_inverse_and_limit_can_be_differentiated_twice(case: Case):
+    check(*relative(case, inverse=True))
+
+
+def check(n, f):
+    """Forward = reverse = differences, second derivatives = differences of gradients, for a vectorised f at zero."""
 
     def value_and_reverse(x):
         value, pull = jax.vjp(f, x)
