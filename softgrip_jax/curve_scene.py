@@ -54,13 +54,17 @@ class CurveScene(Scene):
         """True where the load grows without bound towards the end of the interval: there is then no limit."""
         return jnp.asarray(False)
 
+    def may_dip(self) -> bool:
+        """Whether the load may fall and rise again within a small angle (never with a neo-Hookean membrane)."""
+        return True
+
     def residual(self, unknowns, pressure):
         return (self.load(unknowns) - pressure) / (self.pressure_scale() + jnp.abs(pressure))
 
     def climb(self) -> Climb:
         """Look at the load curve once; every question starts from this."""
         start, end = self.interval()
-        scan = scan_curve(self.load, start, end)
+        scan = scan_curve(self.load, start, end, dips=self.may_dip())
         stop = jnp.where(scan.falls, first_maximum(self.load, scan), end)
         return Climb(scan, stop, admissible(self) & self.is_possible() & (start < end))
 
@@ -126,7 +130,7 @@ class CurveScene(Scene):
             angle = start + fraction * (end - start)
             pressure = self.load(angle)
             status = jnp.where(jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
-            return self._report(angle, pressure, Found(angle, pressure, status, jnp.asarray(0)))
+            return self._report(angle, pressure, self.settled(Found(angle, pressure, status, jnp.asarray(0))))
 
         # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
         return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))

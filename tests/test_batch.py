@@ -13,7 +13,7 @@ from helpers import CASES, reference
 
 import softgrip_jax as sg
 
-LANES = 8_000
+LANES = 100_000
 CHUNK = 4096
 CHECKED = 2000
 """Lanes that the scan looks at: 6,000 points each."""

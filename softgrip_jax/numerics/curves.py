@@ -21,8 +21,11 @@ Samples = Float[Array, " n"]
 Function = Callable[[Scalar], Scalar]
 
 CELLS = 48
-"""A curve is looked at in this many cells. A maximum and a minimum of the load inside one cell would be overlooked:
-over random designs of every material here, two events are never that close."""
+"""A curve is looked at in this many cells."""
+
+DIP_POINTS, DIP_ROUNDS = 13, 3
+"""A maximum and a minimum of the load can be closer than a cell (Mooney, Yeoh, Gent: one design in a hundred). Where
+the curve rises least, the slope is sampled in three cells, then around its least value, to 1/140 of a cell."""
 
 
 class Scan(NamedTuple):
@@ -34,6 +37,11 @@ class Scan(NamedTuple):
     """Index of the last sample that is above all samples before it."""
     falls: Bool[Array, ""]
     """Whether the curve stops rising before its end."""
+    low: Scalar
+    high: Scalar
+    """Where it falls: the bracket of its first maximum."""
+    clearly_after: Scalar
+    """Beyond this x in the bracket, a value under y[last] is past the maximum, even where the curve rises again."""
 
 
 class Crossing(NamedTuple):
@@ -51,33 +59,59 @@ def slope_of(function: Function) -> Function:
     return lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1]
 
 
-def scan_curve(function: Function, start: Scalar, end: Scalar) -> Scan:
-    """Samples of `function` at the borders of CELLS equal cells."""
+def scan_curve(function: Function, start: Scalar, end: Scalar, dips: bool = False) -> Scan:
+    """Samples of `function` at the borders of CELLS equal cells; `dips`: look for falls narrower than a cell too."""
     x = start + (end - start) * jnp.linspace(0.0, 1.0, CELLS + 1, dtype=start.dtype)
     y = jax.vmap(function)(x)
     stops = ~(y[1:] > y[:-1])  # NaN stops it too
     falls = jnp.any(stops)
-    return Scan(x, y, jnp.where(falls, jnp.argmax(stops), CELLS), falls)
+    last = jnp.where(falls, jnp.argmax(stops), CELLS)
+    after = jnp.minimum(last + 1, CELLS)
+    # The first point that a root search tries is x[last] itself, where rounding alone decides which value is higher.
+    clearly_after = x[last] + 1e-3 * (x[after] - x[last])
+    scan = Scan(x, y, last, falls, x[jnp.maximum(last - 1, 0)], x[after], clearly_after)
+    return _with_dip(function, scan) if dips else scan
+
+
+def _with_dip(function: Function, scan: Scan) -> Scan:
+    """The scan, ended earlier where the curve falls between two samples that rise."""
+    x, last = scan.x, scan.last
+    rise = jnp.where(jnp.arange(CELLS) < last, scan.y[1:] - scan.y[:-1], jnp.inf)
+    # The first cell is no candidate: a curve may begin with slope zero.
+    around = jnp.pad(rise, 1, constant_values=(-jnp.inf, jnp.inf))
+    least = jnp.argmin(jnp.where((rise <= around[:-2]) & (rise <= around[2:]), rise, jnp.inf))
+    low = x[jnp.maximum(least - 1, 0)]
+    slope = jax.vmap(slope_of(function))
+
+    def closer(_, state):
+        low, high, _, _ = state
+        points = low + (high - low) * jnp.linspace(0.0, 1.0, DIP_POINTS, dtype=low.dtype)
+        slopes = slope(points)
+        slopes = jnp.where(jnp.isnan(slopes), jnp.inf, slopes)
+        k = jnp.argmin(slopes)
+        return points[jnp.maximum(k - 1, 0)], points[jnp.minimum(k + 1, DIP_POINTS - 1)], points[k], slopes[k]
+
+    first = (low, x[jnp.minimum(least + 2, last)], low, jnp.full_like(low, jnp.inf))
+    _, _, place, value = lax.fori_loop(0, DIP_ROUNDS, closer, first)
+    dip = (value <= 0) & (place > x[0])
+    return scan._replace(
+        falls=scan.falls | dip,
+        low=jnp.where(dip, low, scan.low),
+        high=jnp.where(dip, place, scan.high),
+        clearly_after=jnp.where(dip, place, scan.clearly_after),
+    )
 
 
 def first_maximum(function: Function, scan: Scan) -> Scalar:
-    """x of the first maximum of a scanned `function`; the end of the scan where it rises throughout.
-
-    The root of the slope in the two cells around the highest sample, to the last bit. No derivatives pass through.
-    """
-    top = scan.last
-    after = jnp.minimum(top + 1, CELLS)
-    y_top = scan.y[top]
-    # The first point that is tried is x[top] itself, where rounding alone decides which value is higher.
-    clearly_after = scan.x[top] + 1e-3 * (scan.x[after] - scan.x[top])
+    """x of the first maximum of a scanned `function` that falls, to the last bit. No derivatives pass through."""
+    y_top = scan.y[scan.last]
 
     def beyond(x):
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-        # Lower than the highest sample before it: past the maximum, even where the curve rises again.
-        past = (slope <= 0) | ((x > clearly_after) & ~(value > y_top))
+        past = (slope <= 0) | ((x > scan.clearly_after) & ~(value > y_top))
         return jnp.where(past, jnp.abs(slope), -slope)
 
-    return bracketed_root(beyond, scan.x[jnp.maximum(top - 1, 0)], scan.x[after]).x
+    return bracketed_root(beyond, scan.low, scan.high).x
 
 
 def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, stop: Scalar) -> Crossing:

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..materials import Material
+from ..materials import Material, NeoHookean
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
 
@@ -86,6 +86,9 @@ class ShellScene(CurveScene):
         if not has_largest_stretch(self.shell.material):
             return jnp.asarray(self.ENDLESS)
         return self.ENDLESS | (self.stretchable(self.geometry()[1]) <= 0)
+
+    def may_dip(self):
+        return not isinstance(self.shell.material, NeoHookean)
 
     def is_possible(self):
         possible = (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
