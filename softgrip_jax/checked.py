@@ -128,7 +128,7 @@ class Checked(eqx.Module):
             where = f"{owner}.{field.name}"
             if "rule" in meta:
                 # Placeholders that JAX puts into trees while it rebuilds them carry no numbers to check.
-                if type(value) is object or (value is None and field.default is None):
+                if type(value) is object or (value is None and (field.default is None or "size" in meta)):
                     continue
                 require(where, value, meta["rule"], meta["kind"])
                 if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):

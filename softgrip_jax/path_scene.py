@@ -7,6 +7,7 @@ the value at which it begins to act. What is found is therefore on the branch co
 from __future__ import annotations
 
 import abc
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,29 +15,58 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import admissible
-from .numerics.paths import FOLD, REACHED, fold_border, fold_value, follow, trace
+from .numerics.paths import FOLD, REACHED, Goal, fold_border, fold_value, follow, trace
 from .numerics.roots import implicit
-from .results import Solution, Status, gate
+from .results import Status, gate
 from .scene import Found, Scene, frozen
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
 
 
+class Span(NamedTuple):
+    """Pressures, Pa, and their places on the path: 1 where the pressure begins to act."""
+
+    begin: Scalar
+    step: Scalar
+    """A typical change of pressure: the unit along the path."""
+    end: Scalar
+    """Where the actuator's own model ends."""
+
+    def place_of(self, pressure: Scalar) -> Scalar:
+        """The last entry of u at a pressure."""
+        return 1 + jnp.maximum(pressure - self.begin, 0) / self.step
+
+    def pressure_at(self, u: Vector) -> Scalar:
+        """The pressure at a point of the path."""
+        return self.begin + self.step * jnp.maximum(u[-1] - 1, 0)
+
+
 class PathScene(Scene):
-    """A scene that solves `ramped(unknowns, share, pressure) = 0`; share in [0, 1] scales its external loads."""
+    """A scene that solves `measured(unknowns, share, pressure)[0] = 0`; share in [0, 1] scales its external loads."""
 
     @abc.abstractmethod
     def rest(self) -> Vector:
         """The unknowns without any load: an exact solution at share 0 and no pressure."""
 
     @abc.abstractmethod
+    def measured(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
+        """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
+        observed. Both come from one integration; what is not used is not computed."""
+
     def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
-        """The scaled equations with the external loads times `share`; entries and unknowns of order one."""
+        """The equations alone."""
+        return self.measured(unknowns, share, pressure)[0]
+
+    def measure(self, unknowns, pressure):
+        return self.measured(unknowns, jnp.ones_like(pressure), pressure)
+
+    def observe(self, unknowns, pressure):
+        return self.measure(unknowns, pressure)[1]
 
     @abc.abstractmethod
-    def pressure_span(self) -> tuple[Scalar, Scalar, Scalar]:
-        """Pressures (Pa): where pressure begins to act, a typical step, and where the actuator's model ends."""
+    def pressure_span(self) -> Span:
+        """The range of pressures in which the actuator acts."""
 
     def is_unloaded(self) -> Array:
         """True where `rest` already solves the scene at no pressure: there are no external loads."""
@@ -45,22 +75,18 @@ class PathScene(Scene):
     def residual(self, unknowns, pressure):
         return self.ramped(unknowns, jnp.ones_like(pressure), pressure)
 
-    def pressure_at(self, u: Vector) -> Scalar:
-        """The pressure at a point of the path."""
-        begin, step, _ = self.pressure_span()
-        return begin + step * jnp.maximum(u[-1] - 1, 0)
-
-    def _along(self, u: Vector) -> Vector:
-        # The loads arrive with zero slope at u[-1] = 1, where the pressure takes over: no kink for the tangent.
-        share = 1 - (1 - jnp.minimum(u[-1], 1)) ** 2
-        return self.ramped(u[:-1], share, self.pressure_at(u))
-
     def _start(self) -> Vector:
         return jnp.append(self.rest(), jnp.where(self.is_unloaded(), 1.0, 0.0))
 
-    def _search(self, start, goal):
-        """(point u, status, steps) where `goal` rises through zero."""
-        end = follow(self._along, start, goal)
+    def _search(self, start: Vector, goal: Goal, span: Span) -> tuple[Vector, Array, Array]:
+        """(point u, status, steps) where `goal` rises through zero along the path from `start`."""
+
+        def along(u):
+            # The loads arrive with zero slope at u[-1] = 1, where the pressure takes over: no kink for the tangent.
+            share = 1 - (1 - jnp.minimum(u[-1], 1)) ** 2
+            return self.ramped(u[:-1], share, span.pressure_at(u))
+
+        end = follow(along, start, goal)
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
@@ -69,24 +95,24 @@ class PathScene(Scene):
         return end.point.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.steps
 
     def find(self, pressure):
-        begin, step, end = self.pressure_span()
-        wanted = 1 + jnp.maximum(pressure - begin, 0) / step
-        reachable = 1 + jnp.maximum(jnp.minimum(pressure, end) - begin, 0) / step
-        u, status, steps = self._search(self._start(), lambda u: u[-1] - reachable)
+        span = self.pressure_span()
+        wanted = span.place_of(pressure)
+        reachable = jnp.minimum(wanted, span.place_of(span.end))
+        u, status, steps = self._search(self._start(), lambda u: u[-1] - reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
 
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
-        begin, step, end = self.pressure_span()
-        u, status, _ = self._search(self._start(), lambda u: u[-1] - (1 + (end - begin) / step))
+        span = self.pressure_span()
+        u, status, _ = self._search(self._start(), lambda u: u[-1] - span.place_of(span.end), span)
         at_fold = status == Status.BEYOND_LIMIT
-        pressure = jnp.where(at_fold, self.pressure_at(u), end)
+        pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
 
     def limit_pressure_from(self, found):
-        scale = frozen(self).pressure_span()[1]
+        scale = frozen(self).pressure_span().step
         ok = found.status == Status.OK
         scene = gate(ok, self)
 
@@ -102,28 +128,29 @@ class PathScene(Scene):
             return jnp.append(there(u), fold_value(there, u, border))
 
         fold = implicit(at_fold, point, (scene, scale, border))[-1] * scale
-        end = scene.pressure_span()[2]
+        end = scene.pressure_span().end
         return jnp.where(ok, jnp.where(found.iterations == 1, fold, end), jnp.nan)
 
     def solve_for(self, name, target):
         fixed, value = frozen((self, target))
-        begin, step, _ = fixed.pressure_span()
+        span = fixed.pressure_span()
 
         def surplus(scene, target, unknowns, pressure):
-            return (scene.observe(unknowns, pressure)[name] - target) / jnp.maximum(
-                jnp.abs(lax.stop_gradient(target)), 1e-12
-            )
+            size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
+            return (scene.observe(unknowns, pressure)[name] - target) / size
 
-        loaded, status, steps = fixed._search(fixed._start(), lambda u: u[-1] - 1)
-        ready = surplus(fixed, value, loaded[:-1], begin)
-        u, reached, more = fixed._search(
-            loaded.at[-1].set(1.0), lambda u: surplus(fixed, value, u[:-1], fixed.pressure_at(u))
-        )
-        status = jnp.where(status == Status.OK, jnp.where(ready >= 0, Status.NO_CONTACT, reached), status)
-        pressure = fixed.pressure_at(u)
-        status = jnp.where((status == Status.OK) & (pressure > fixed.pressure_span()[2]), Status.BEYOND_LIMIT, status)
+        def over(u):
+            return surplus(fixed, value, u[:-1], span.pressure_at(u))
+
+        loaded, status, steps = fixed._search(fixed._start(), lambda u: u[-1] - 1, span)
+        u, reached, more = fixed._search(loaded.at[-1].set(1.0), over, span)
+        status = jnp.where(status == Status.OK, jnp.where(over(loaded) >= 0, Status.NO_CONTACT, reached), status)
+        pressure = span.pressure_at(u)
+        status = jnp.where((status == Status.OK) & (pressure > span.end), Status.BEYOND_LIMIT, status)
         status = jnp.where(jnp.isfinite(value), status, Status.IMPOSSIBLE)
-        found = Found(u[:-1], pressure, status, steps + more)
+        mismatch = jnp.where(status == Status.OK, over(u), 0.0)
+        found = fixed.settled(Found(u[:-1], pressure, status, steps + more, mismatch))
+        step, status = span.step, found.status
 
         scene, target = gate(status == Status.OK, (self, target))
 
@@ -134,22 +161,26 @@ class PathScene(Scene):
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
         solution = scene._report(point[:-1], point[-1] * step, found)
-        no_answer = jnp.where(status == Status.NO_CONTACT, begin, jnp.nan)
+        no_answer = jnp.where(status == Status.NO_CONTACT, span.begin, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 
     def branch(self, n):
         """n points at equal arc lengths from the first effect of pressure, through the limit point."""
-        begin, step, _ = self.pressure_span()
-        loaded, status, _ = self._search(self._start(), lambda u: u[-1] - 1)
-        points, trusted = trace(self._along, loaded.at[-1].set(1.0), BRANCH_LENGTH / n, n)
+        span = self.pressure_span()
+        loaded, status, _ = self._search(self._start(), lambda u: u[-1] - 1, span)
+
+        def along(u):
+            return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
+
+        points, trusted = trace(along, loaded.at[-1].set(1.0), BRANCH_LENGTH / n, n)
 
         def report(u, trusted):
             state = jnp.where(trusted & (status == Status.OK) & (u[-1] >= 1), Status.OK, Status.NOT_CONVERGED)
-            return self._report(u[:-1], self.pressure_at(u), Found(u[:-1], self.pressure_at(u), state, jnp.asarray(0)))
+            pressure = span.pressure_at(u)
+            return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
         return jax.vmap(report)(points, trusted)
 
 
-BRANCH_LENGTH = 12.0
+BRANCH_LENGTH = 25.0
 """Arc length of a drawn branch in scaled units: through the fold and down to where the finger curls up."""
-

@@ -36,6 +36,8 @@ class Found(NamedTuple):
     iterations: Int[Array, ""]
     mismatch: Scalar | float = 0.0
     """Scaled error of whatever was asked for beyond the scene's own equations (the target of `pressure_for`)."""
+    residual: Scalar | float = 0.0
+    """Scaled norm of all that was to be solved; known once `settled`."""
 
 
 class Scene(Checked):
@@ -89,31 +91,26 @@ class Scene(Checked):
         return jnp.asarray(True)
 
     def settled(self, found: Found) -> Found:
-        """`found`, relabelled NOT_CONVERGED where it does not solve the equations: before anything is gated by it."""
-        residual = self._residual_norm(found)
+        """`found` with its residual, relabelled NOT_CONVERGED where that is not small: done before it gates anything."""
+        found = frozen(found)
+        own = jnp.max(jnp.abs(jnp.atleast_1d(frozen(self).residual(found.unknowns, found.pressure))))
+        residual = jnp.maximum(own, jnp.abs(found.mismatch))
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small
-        return found._replace(status=jnp.where(failed, Status.NOT_CONVERGED, found.status))
-
-    def _residual_norm(self, found: Found) -> Scalar:
-        own = jnp.max(jnp.abs(jnp.atleast_1d(self.residual(found.unknowns, found.pressure))))
-        return jnp.maximum(own, jnp.abs(found.mismatch))
+        return found._replace(status=jnp.where(failed, Status.NOT_CONVERGED, found.status), residual=residual)
 
     def _solution(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
         pressure = found.pressure
-        found = frozen(self).settled(frozen(found))
+        found = self.settled(found)
         scene, pressure = gate(found.status == Status.OK, (self, pressure))
         unknowns = implicit(lambda y, args: args[0].residual(y, args[1]), found.unknowns, (scene, pressure))
         return scene._report(unknowns, pressure, found)
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
-        fixed = frozen(self)
-        found = fixed.settled(frozen(found._replace(unknowns=unknowns, pressure=pressure)))
+        """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
         observables = mask(found.status, self.observe(unknowns, pressure))
-        return Solution(
-            self, pressure, found.status, fixed._residual_norm(found), found.iterations, unknowns, observables
-        )
+        return Solution(self, pressure, found.status, found.residual, found.iterations, unknowns, observables)
 
 
 def frozen(tree: Any) -> Any:

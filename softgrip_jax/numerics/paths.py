@@ -27,17 +27,21 @@ Residual = Callable[[Vector], Vector]
 Goal = Callable[[Vector], Scalar]
 """u -> a number that rises through zero where the search ends."""
 
-FIRST_STEP = 0.05
-LARGEST_STEP = 0.5
+FIRST_STEP = 0.2
+LARGEST_STEP = 1.0
 SMALLEST_STEP = 1e-7
-"""Arc lengths in scaled units: a twentieth of a typical load to start with; below 1e-7 a path counts as ended."""
+"""Arc lengths in scaled units: a fifth of a typical load to start with; below 1e-7 a path counts as ended."""
 MAX_STEPS = 400
 NEWTON_STEPS = 8
 """A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
 TURN = 0.9
 """Cosine of the largest turn of the tangent in one step (26 degrees): keeps a step from jumping between branches."""
-FLAT = 1e-10
-"""Load component of the tangent that counts as a limit point: its load is then right to 1e-20."""
+GOAL_STEPS = 20
+"""Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
+SETTLED = 1e-8
+"""A last move this small leaves an error near 1e-15 on a regular path; what it leaves is judged by the residual."""
+FLAT = 1e-8
+"""Load component of the tangent that counts as a limit point: its load is then right to 1e-16."""
 
 STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
@@ -62,7 +66,7 @@ def value_and_jacobian(function: Residual, u: Vector) -> tuple[Vector, Float[Arr
     return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
 
-def newton(function: Residual, u: Vector) -> Corrected:
+def newton(function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_STEPS) -> Corrected:
     """Newton's method from a good start, to the last bits of u."""
     n = u.shape[0]
     enough = 1e3 * jnp.finfo(u.dtype).eps
@@ -77,11 +81,11 @@ def newton(function: Residual, u: Vector) -> Corrected:
     def busy(state):
         u, _, before_last, _, count = state
         # Quadratic convergence: after a move of 1e-7 the next one reaches the last bit, and one after that is idle.
-        return (before_last > jnp.sqrt(enough)) & (count < NEWTON_STEPS) & jnp.all(jnp.isfinite(u))
+        return (before_last > jnp.sqrt(enough)) & (count < limit) & jnp.all(jnp.isfinite(u))
 
     far = jnp.asarray(jnp.inf, u.dtype)
     u, jacobian, _, size, _ = lax.while_loop(busy, step, (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0)))
-    return Corrected(u, jacobian, size <= enough)
+    return Corrected(u, jacobian, size <= SETTLED)
 
 
 def _tangent(jacobian: Float[Array, "n m"], along: Vector) -> Vector:
@@ -91,10 +95,17 @@ def _tangent(jacobian: Float[Array, "n m"], along: Vector) -> Vector:
     return tangent / jnp.linalg.norm(tangent)
 
 
-def correct(residual: Residual, point: Point, guess: Vector, goal: Goal | None = None, to_goal: Bool[Array, ""] | bool = False) -> tuple[Point, Bool[Array, ""]]:
+def correct(
+    residual: Residual,
+    point: Point,
+    guess: Vector,
+    goal: Goal | None = None,
+    to_goal: Bool[Array, ""] | bool = False,
+) -> tuple[Point, Bool[Array, ""]]:
     """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
 
-    Returns it and whether it can be trusted: converged, and the tangent has not turned too far.
+    Returns it and whether it can be trusted: converged, and the tangent has not turned too far since `point` (towards
+    a goal the turn has been seen to be small, all the way to the far end).
     """
 
     def equations(u):
@@ -102,9 +113,10 @@ def correct(residual: Residual, point: Point, guess: Vector, goal: Goal | None =
         last = plane if goal is None else jnp.where(to_goal, goal(u), plane)
         return jnp.append(residual(u), last)
 
-    found = newton(equations, guess)
+    found = newton(equations, guess, jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS))
     tangent = _tangent(found.jacobian[:-1], point.tangent)
-    return Point(found.u, tangent), found.converged & (jnp.dot(tangent, point.tangent) > TURN)
+    steady = jnp.dot(tangent, point.tangent) > TURN
+    return Point(found.u, tangent), found.converged & (steady | to_goal)
 
 
 class Search(NamedTuple):
@@ -120,7 +132,9 @@ class Search(NamedTuple):
     high: Scalar
     rise_low: Scalar
     rise_high: Scalar
-    """Load components of the tangent at both ends of the bracket (the high one halved by the Illinois rule)."""
+    """Load components of the tangent at both ends of the bracket; an end that stays twice counts half (Illinois)."""
+    rose: Int[Array, ""]
+    """Whether the last trial in the bracket was still rising (1) or not (-1); 0 before the first."""
     at_fold: Bool[Array, ""]
     """Whether `far` is a limit point."""
     mode: Int[Array, ""]
@@ -159,7 +173,8 @@ def follow(residual: Residual, u: Vector, goal: Goal) -> End:
 
     start = Point(u, up)
     # The first "step" has length zero: it finds the tangent at u.
-    first = Search(start, start, start, zero, zero, zero, zero, zero, jnp.asarray(False), jnp.asarray(STEPPING), jnp.asarray(0))
+    no, mode, count = jnp.asarray(False), jnp.asarray(STEPPING), jnp.asarray(0)
+    first = Search(start, start, start, zero, zero, zero, zero, zero, count, no, mode, count)
     last = lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, first)
     return End(last.found, jnp.where(last.mode < REACHED, ENDED, last.mode), last.count)
 
@@ -176,9 +191,15 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
     first = search.count == 0
     # At the start the tangent was only guessed: it may turn as it likes, but must point to growing load.
     good = jnp.where(first, jnp.all(jnp.isfinite(new.tangent)) & (new.tangent[-1] > 0), good)
-    shorter, longer = 0.3 * search.length, jnp.minimum(1.5 * search.length, LARGEST_STEP)
+    shorter, longer = 0.3 * search.length, jnp.minimum(2 * search.length, LARGEST_STEP)
     ahead = search._replace(before=new, length=jnp.where(first, FIRST_STEP, longer))
-    interval = search._replace(far=new, low=jnp.zeros_like(search.low), high=search.length, rise_low=search.before.tangent[-1], rise_high=new.tangent[-1])
+    interval = search._replace(
+        far=new,
+        low=jnp.zeros_like(search.low),
+        high=search.length,
+        rise_low=search.before.tangent[-1],
+        rise_high=new.tangent[-1],
+    )
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
     aimed = _to_goal(interval, goal)
     at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
@@ -202,13 +223,15 @@ def _between(search: Search) -> Scalar:
 def _after_fold_trial(search: Search, new: Point, goal: Goal) -> Search:
     rise = new.tangent[-1]
     rising = rise > 0
-    # Illinois: an end that stays twice counts half, so that both ends close in.
+    side = jnp.where(rising, 1, -1)
+    again = jnp.where(side == search.rose, 0.5, 1.0)
     inner = search._replace(
         far=jax.tree.map(lambda a, b: jnp.where(rising, a, b), search.far, new),
         low=jnp.where(rising, search.length, search.low),
         high=jnp.where(rising, search.high, search.length),
-        rise_low=jnp.where(rising, rise, 0.5 * search.rise_low),
-        rise_high=jnp.where(rising, 0.5 * search.rise_high, rise),
+        rise_low=jnp.where(rising, rise, again * search.rise_low),
+        rise_high=jnp.where(rising, again * search.rise_high, rise),
+        rose=side,
     )
     inner = inner._replace(length=_between(inner))
     done = (jnp.abs(rise) < FLAT) | (inner.high - inner.low < 1e-12)
@@ -259,16 +282,26 @@ def fold_value(residual: Residual, u: Vector, border: Border) -> Scalar:
 
 
 def trace(residual: Residual, u: Vector, step: float, n: int) -> tuple[Float[Array, "n m"], Bool[Array, " n"]]:
-    """n points of the path from u at about equal arc lengths, through any limit point; and which are trusted."""
-    up = jnp.zeros_like(u).at[-1].set(1.0)
+    """n points of the path from u at equal arc lengths, through any limit point; and which are trusted."""
+    zero = jnp.zeros((), u.dtype)
+    start, _ = correct(residual, Point(u, jnp.zeros_like(u).at[-1].set(1.0)), u)
 
-    def next_point(state, k):
-        point, alive = state
-        length = jnp.where(k == 0, 0.0, step)
-        new, good = correct(residual, point, point.u + length * point.tangent)
-        alive = alive & (good | (k == 0))
-        point = jax.tree.map(lambda a, b: jnp.where(alive, a, b), new, point)
-        return (point, alive), (point.u, alive)
+    def next_point(state, _):
+        point, length, alive = state
 
-    _, (points, alive) = lax.scan(next_point, (Point(u, up), jnp.asarray(True)), jnp.arange(n))
-    return points, alive
+        def attempt(state):
+            point, length, rest = state
+            new, good = correct(residual, point, point.u + jnp.minimum(length, rest) * point.tangent)
+            point = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, point)
+            rest = jnp.where(good, rest - jnp.minimum(length, rest), rest)
+            return point, jnp.where(good, 2 * length, 0.3 * length), rest
+
+        def busy(state):
+            return alive & (state[2] > 0) & (state[1] > SMALLEST_STEP)
+
+        point, length, rest = lax.while_loop(busy, attempt, (point, length, zero + step))
+        alive = alive & (rest <= 0)
+        return (point, length, alive), (point.u, alive)
+
+    _, (points, alive) = lax.scan(next_point, (start, zero + step, jnp.asarray(True)), None, length=n - 1)
+    return jnp.concatenate([start.u[None], points]), jnp.concatenate([jnp.ones(1, bool), alive])

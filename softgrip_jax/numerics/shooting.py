@@ -39,9 +39,7 @@ def runge_kutta_step(
     nodes = np.concatenate([[0.0], tableau.c])[:stages]
 
     def combine(weights, slopes):
-        return jax.tree.map(
-            lambda v, k: v + width * jnp.sum(weights.reshape(-1, *[1] * v.ndim) * k, axis=0), y, slopes
-        )
+        return jax.tree.map(lambda v, k: v + width * jnp.sum(weights.reshape(-1, *[1] * v.ndim) * k, axis=0), y, slopes)
 
     def stage(i, slopes):
         inner = combine(jnp.asarray(weights)[i], slopes)

@@ -8,7 +8,7 @@ direction are reported as positive numbers.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,11 +16,12 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..checked import is_concrete, part, to_float_array
+from ..checked import is_concrete, to_float_array
+from ..materials import NeoHookean
 from ..numerics.roots import bracketed_root, implicit
-from ..path_scene import PathScene
+from ..path_scene import PathScene, Span
 from .beam import Cover, Loads, Part, Shot, State, run_part, section_state, shoot, slopes
-from .chamber import contact_pressure, end_moment, wall_limit
+from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
 
@@ -45,7 +46,7 @@ def to_weight(value: Any) -> Any:
     return to_float_array(np.asarray(value) if isinstance(value, tuple | list) else value)
 
 
-class Chamber(NamedTuple):
+class PartChamber(NamedTuple):
     """One part's chamber: its own dimensions, and how much of the part's turn is its inclination."""
 
     fields: dict[str, Scalar]
@@ -76,7 +77,15 @@ class FingerScene(PathScene):
     chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
     """
 
-    finger: PneuNet = part(PneuNet)
+    if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
+
+        @property
+        def finger(self) -> PneuNet: ...
+
+        weight: Array | None
+        section: str
+        inclination: str
+        shooting: str
 
     def prepared(self):
         """Multiple shooting where a perturbation would grow too much along the beam (needs known numbers)."""
@@ -153,13 +162,13 @@ class FingerScene(PathScene):
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
         # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
         share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
-        return Part(bounds[:-1], bounds[1:], Chamber(fields, share / (lengths * finger.L))), steps
+        return Part(bounds[:-1], bounds[1:], PartChamber(fields, share / (lengths * finger.L))), steps
 
-    def with_chamber(self, chamber: Chamber) -> PneuNet:
+    def with_chamber(self, chamber: PartChamber) -> PneuNet:
         """The finger with one part's dimensions."""
         return dataclasses.replace(self.finger, **chamber.fields)
 
-    def push(self, chamber: Chamber, pressure: Scalar, inclination: Scalar) -> Scalar:
+    def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
         return end_moment(finger, pressure, inclination) / finger.moment_scale()
@@ -189,17 +198,19 @@ class FingerScene(PathScene):
 
     def pressure_span(self):
         finger = self.finger
-        fields = {name: jnp.atleast_1d(getattr(finger, name)) for name in SEGMENT_FIELDS}
-        size = max(v.shape[0] for v in fields.values())
-        fields = {name: jnp.broadcast_to(v, (size,)) for name, v in fields.items()}
+        fields = {name: jnp.broadcast_to(getattr(finger, name), (finger.segments or 1,)) for name in SEGMENT_FIELDS}
 
         def of(fields):
-            one = dataclasses.replace(finger, **fields)
-            scale = one.material.shear_modulus() * one.t_m / one.a
-            return contact_pressure(one), scale, wall_limit(one)
+            wall = Chamber(dataclasses.replace(finger, **fields), jnp.zeros_like(finger.L))
+            scale = wall.pressure_scale()
+            # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
+            touch = wall.load(jnp.maximum(2 * jnp.arctan(wall.finger.h_x / wall.finger.a), LEAST_ANGLE))
+            if isinstance(finger.material, NeoHookean):
+                return touch, scale, wall.load(jnp.pi + jnp.zeros_like(scale))
+            return touch, scale, wall_limit(wall.finger)
 
         begin, scale, end = jax.vmap(of)(fields)
-        return jnp.min(begin), jnp.min(scale), jnp.min(end)
+        return Span(jnp.min(begin), jnp.min(scale), jnp.min(end))
 
     def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""
@@ -232,8 +243,11 @@ class FingerScene(PathScene):
             local = (s - bent.parts.low[part]) / (bent.parts.high[part] - bent.parts.low[part]) * steps
             k = jnp.clip(jnp.floor(local).astype(int), 0, steps - 1)
             width = (bent.parts.high[part] - bent.parts.low[part]) / steps
-            state = jax.tree.map(lambda v, r: _cubic(v[part, k], v[part, k + 1], r[part, k] * width,
-                                                     r[part, k + 1] * width, local - k), nodes, rates)
+            state = jax.tree.map(
+                lambda v, r: _cubic(v[part, k], v[part, k + 1], r[part, k] * width, r[part, k + 1] * width, local - k),
+                nodes,
+                rates,
+            )
             stretch = section_state(bent.cover, s, state, bent.shot.active[part])[1]
             return state, stretch
 

@@ -2,92 +2,109 @@
 
 from __future__ import annotations
 
+import abc
+
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
-from ..checked import admissible, choice, finite, vector
+from ..checked import admissible, choice, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.roots import bracketed_root
 from ..results import Status
 from ..scene import Found
 from .beam import Loads
-from .finger_scene import FingerScene, Scalar, to_weight
+from .finger import PneuNet
+from .finger_scene import Bent, FingerScene, Scalar, to_weight
 
 SECTIONS = ("exact", "thesis", "inextensible")
 INCLINATIONS = ("segment", "gap", "none")
 SHOOTING = ("auto", "single", "multiple")
 
 
-class TipContact(FingerScene):
-    """The finger presses with its tip on something that holds it at y = `tip_offset` (thesis 4.4.2, 5.2.2).
+class HeldTip(FingerScene):
+    """A finger whose tip is held at some y: the unknowns are M(0) and the force that holds it.
 
-    Args:
-        finger: the actuator.
-        tip_offset: y_c, the y at which the tip is held, m; negative is further along the bending.
-        tip_pull: H_ext, force on the tip along +x, N.
-        weight: (g_x, g_y), N/m.
-        section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
-        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto".
-
-    Equations (4.49), (4.50), (4.59)-(4.63). tip_force is Lambda: positive when the tip pushes towards -y.
+    Equations (4.49), (4.50), (4.59)-(4.63).
     """
 
-    tip_offset: Scalar = finite("length", default=0.0)
-    tip_pull: Scalar = finite("force", default=0.0)
-    weight: Float[Array, " 2"] | None = vector("force_per_length", to_weight, default=None)
-    section: str = choice(*SECTIONS, default="exact")
-    inclination: str = choice(*INCLINATIONS, default="none")
-    shooting: str = choice(*SHOOTING, default="auto")
+    @abc.abstractmethod
+    def pull(self) -> Scalar:
+        """H_ext, the force on the tip along +x, N."""
 
-    OBSERVABLES = {"tip_force": "force", "tip": "length", "tip_angle": "angle", "end_moment": "moment"}
+    @abc.abstractmethod
+    def offset_at(self, x: Scalar) -> Scalar:
+        """The y (m) at which a tip at x (m) is held."""
 
     def rest(self):
         return self.resting(1)
 
-    def is_unloaded(self):
-        light = True if self.weight is None else jnp.all(self.weight == 0)
-        return light & (self.tip_offset == 0) & (self.pull() == 0)
-
     def largest_force(self):
         weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L
-        return jnp.abs(self.tip_pull) + weight
+        return jnp.abs(self.pull()) + weight
 
     def held_unit(self) -> Scalar:
         """EI / L^2 with EI = mu B H^3 / 3, N: the scale of the tip force."""
         finger = self.finger
         return finger.moment_scale() * finger.H / (3 * finger.L**2)
 
-    def pull(self) -> Scalar:
-        """The force on the tip along +x, N."""
-        return self.tip_pull
-
     def tip_loads(self, held, share):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
 
-    def offset_at(self, x: Scalar) -> Scalar:
-        """The y (m) at which a tip at x (m) is held."""
-        return self.tip_offset
-
-    def bend(self, unknowns, share, pressure):
+    def bend(self, unknowns: Array, share: Scalar, pressure: Scalar) -> Bent:
         """The beam from (M(0), tip force, restarts...)."""
-        return self.beam(jnp.delete(unknowns, 1, assume_unique_indices=True), unknowns[1], share, pressure)
+        return self.beam(jnp.concatenate([unknowns[:1], unknowns[2:]]), unknowns[1], share, pressure)
 
-    def ramped(self, unknowns, share, pressure):
+    def measured(self, unknowns, share, pressure):
         bent = self.bend(unknowns, share, pressure)
         length = self.finger.L
         offset = share * self.offset_at(bent.end.x * length) / length
         held = jnp.stack([bent.end.moment * 3 / bent.cover.slenderness, bent.end.y - offset])
-        return jnp.concatenate([held, bent.gaps])
-
-    def observe(self, unknowns, pressure):
-        bent = self.bend(unknowns, jnp.ones_like(pressure), pressure)
-        return {"tip_force": unknowns[1] * self.held_unit()} | self.beam_observables(bent)
+        observed = {"tip_force": unknowns[1] * self.held_unit()} | self.beam_observables(bent)
+        return jnp.concatenate([held, bent.gaps]), observed
 
     def profile(self, unknowns, pressure, n):
         return self.beam_profile(self.bend(unknowns, jnp.ones_like(pressure), pressure), n)
+
+
+class TipContact(HeldTip):
+    """The finger presses with its tip on something that holds it at y = `tip_offset` (thesis 4.4.2, 5.2.2).
+
+    Args:
+        finger: the actuator.
+        tip_offset: y_c, the y at which the tip is held, m; negative is further along the bending.
+        tip_pull: H_ext, force on the tip along +x, N.
+        weight: (g_x, g_y), N/m; None or (0, 0) for none.
+        section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
+        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto".
+
+    tip_force is Lambda: positive when the tip pushes towards -y.
+    """
+
+    finger: PneuNet = part(PneuNet)
+    tip_offset: Scalar = finite("length", default=0.0)
+    tip_pull: Scalar = finite("force", default=0.0)
+    weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=None)
+    section: str = choice(*SECTIONS, default="exact")
+    inclination: str = choice(*INCLINATIONS, default="none")
+    shooting: str = choice(*SHOOTING, default="auto")
+
+    OBSERVABLES = {"tip_force": "force", "tip": "position", "tip_angle": "angle", "end_moment": "moment"}
+
+    def is_unloaded(self):
+        light = True if self.weight is None else jnp.all(self.weight == 0)
+        return light & (self.tip_offset == 0) & (self.tip_pull == 0)
+
+    def pull(self):
+        return self.tip_pull
+
+    def offset_at(self, x):
+        return self.tip_offset
+
+
+MATCHED = 1e-6
+"""Moments (in EI/L) closer than this belong to a root, whose residual is then judged; others to no equilibrium."""
 
 
 class Free(FingerScene):
@@ -107,15 +124,16 @@ class Free(FingerScene):
     scalar root per part where the inclination couples.
     """
 
-    weight: Float[Array, " 2"] | None = vector("force_per_length", to_weight, default=(0.0, -2.0))
-    tip_load: Float[Array, " 2"] | None = vector("force", to_weight, default=None)
+    finger: PneuNet = part(PneuNet)
+    weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(0.0, -2.0))
+    tip_load: Float[Array, "*batch 2"] | None = vector("force", to_weight, default=None)
     clamp_angle: Scalar = finite("angle", default=0.0)
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="segment")
     combination: str = choice("sum", "larger", default="sum")
     shooting: str = choice(*SHOOTING, default="auto")
 
-    OBSERVABLES = {"tip": "length", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
+    OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
     def is_arcs(self) -> bool:
         """True where each part is a circular arc: nothing but moments acts on the cover."""
@@ -125,8 +143,9 @@ class Free(FingerScene):
         return self.clamp_angle
 
     def largest_force(self):
-        loads = [jnp.sum(jnp.abs(v)) * scale for v, scale in ((self.weight, self.finger.L), (self.tip_load, 1.0)) if v is not None]
-        return sum(loads, jnp.zeros_like(self.finger.L))
+        loads = [(self.weight, self.finger.L), (self.tip_load, 1.0)]
+        sizes = [jnp.sum(jnp.abs(force)) * length for force, length in loads if force is not None]
+        return sum(sizes, jnp.zeros_like(self.finger.L))
 
     def tip_loads(self, held, share):
         tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
@@ -140,11 +159,14 @@ class Free(FingerScene):
     def rest(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.resting(0)
 
-    def ramped(self, unknowns, share, pressure):
+    def measured(self, unknowns, share, pressure):
         if self.is_arcs():
-            return unknowns - self.moments(unknowns, pressure)
+            return self.measured_arcs(unknowns, pressure)
         bent = self.beam(unknowns, None, share, pressure)
-        return jnp.concatenate([bent.end.moment[None] * 3 / bent.cover.slenderness, bent.gaps])
+        starts = jnp.concatenate([bent.start.theta[None], bent.shot.ends.theta[:-1]])
+        inclination = jnp.maximum(bent.parts.chamber.share * (starts - bent.shot.ends.theta), 0.0)
+        observed = self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
+        return jnp.concatenate([bent.end.moment[None] * 3 / bent.cover.slenderness, bent.gaps]), observed
 
     # --- circular arcs: the unknowns are the moments of the parts, in units of EI/L, positive in the bending direction
 
@@ -157,11 +179,20 @@ class Free(FingerScene):
         lengths = parts.high - parts.low
         return z / slenderness * lengths, stretch, lengths
 
-    def moments(self, unknowns: Array, pressure: Scalar) -> Array:
-        """What the chambers apply to parts that carry the moments `unknowns`."""
+    def measured_arcs(self, unknowns: Array, pressure: Scalar) -> tuple[Array, dict[str, Array]]:
+        """What the parts carry minus what their chambers apply, and the observables."""
         parts, _ = self.chambers()
-        inclination = parts.chamber.share * jnp.maximum(self.turns(unknowns)[0], 0.0)
-        return self.applied(parts.chamber, inclination, pressure)
+        turned, stretch, lengths = self.turns(unknowns)
+        inclination = parts.chamber.share * jnp.maximum(turned, 0.0)
+        x, y = self.arcs(turned, stretch, lengths, 2)
+        unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
+        observed = {
+            "tip": jnp.stack([x[-1], y[-1]]),
+            "tip_angle": jnp.sum(turned),
+            "end_moment": unknowns[-1] * unit,
+            "inclination": jnp.mean(inclination),
+        }
+        return unknowns - self.applied(parts.chamber, inclination, pressure), observed
 
     def applied(self, chamber, inclination: Array, pressure: Scalar) -> Array:
         """The moments of all parts at given inclinations, in units of EI/L."""
@@ -179,49 +210,29 @@ class Free(FingerScene):
             return super().find(pressure)
         parts, _ = self.chambers()
         highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
-        largest = self.law().largest_moment * 3 * self.finger.L / self.finger.H
-        top = jnp.minimum(highest, largest)
 
         def surplus(y, chamber, part_length):
-            """Moment carried minus moment applied, rising with y, for one part."""
+            """Moment carried minus applied, rising with y, for one part; beyond the section's reach: too much."""
             z, _ = self.law()(y * self.finger.H / self.finger.L / 3, jnp.zeros_like(y))
             turn = z * self.finger.L / self.finger.H * part_length
             applied = self.push(chamber, pressure, chamber.share * turn) * 3 * self.finger.L / self.finger.H
-            return y - applied
+            return jnp.where(jnp.isfinite(z), y - applied, jnp.inf)
 
         if self.inclination == "none":
-            unknowns, iterations = top, jnp.asarray(0)
+            unknowns, iterations = highest, jnp.asarray(0)
         else:
             roots = jax.vmap(lambda top, c, length: bracketed_root(lambda y: surplus(y, c, length), 0 * top, top))(
-                top, parts.chamber, parts.high - parts.low
+                highest, parts.chamber, parts.high - parts.low
             )
             unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
-        missing = jnp.max(jnp.abs(lax.stop_gradient(self.ramped(unknowns, pressure, pressure))))
-        end = self.pressure_span()[2]
-        status = jnp.where((pressure > end) | ~(missing < 1e-6), Status.BEYOND_LIMIT, Status.OK)
+        # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
+        missing = jnp.max(jnp.abs(self.ramped(unknowns, pressure, pressure)))
+        status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
         possible = admissible(self) & self.is_possible() & (pressure >= 0) & (pressure < jnp.inf)
         return Found(unknowns, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
 
-    def observe(self, unknowns, pressure):
-        if not self.is_arcs():
-            bent = self.beam(unknowns, None, jnp.ones_like(pressure), pressure)
-            starts = jnp.concatenate([bent.start.theta[None], bent.shot.ends.theta[:-1]])
-            inclination = jnp.maximum(bent.parts.chamber.share * (starts - bent.shot.ends.theta), 0.0)
-            return self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
-        parts, _ = self.chambers()
-        turned, _, _ = self.turns(unknowns)
-        x, y = self.arcs(unknowns, 2)
-        unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
-        return {
-            "tip": jnp.stack([x[-1], y[-1]]),
-            "tip_angle": jnp.sum(turned),
-            "end_moment": unknowns[-1] * unit,
-            "inclination": jnp.mean(parts.chamber.share * jnp.maximum(turned, 0.0)),
-        }
-
-    def arcs(self, unknowns, n):
+    def arcs(self, turned: Array, stretch: Array, lengths: Array, n: int) -> tuple[Array, Array]:
         """x, y (m) of n points on the chain of arcs."""
-        turned, stretch, lengths = self.turns(unknowns)
         arc = stretch * lengths * self.finger.L
         return arc_chain(arc, -turned / arc, self.clamp_angle, n)
 
@@ -229,7 +240,7 @@ class Free(FingerScene):
         if not self.is_arcs():
             return self.beam_profile(self.beam(unknowns, None, jnp.ones_like(pressure), pressure), n)
         turned, stretch, lengths = self.turns(unknowns)
-        x, y = self.arcs(unknowns, n)
+        x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(stretch * lengths)])
         s = jnp.linspace(0.0, 1.0, n) * bounds[-1]

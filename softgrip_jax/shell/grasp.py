@@ -7,21 +7,15 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from ..checked import choice, is_concrete, nonnegative
-from ..numerics.curves import first_crossing, scan_curve
-from ..numerics.roots import implicit
-from ..objects import friction, friction_coefficient, friction_force
+from ..objects import friction, friction_coefficient, friction_force, required_normal_force
 from ..units import GRAVITY
 from .cylinder import CylinderContact
 from .flat_shell import FlatShell, Scalar
 
 QUADRATURE_POINTS = 32
 """Gauss points on a quarter of the contact ellipse: exact to 1e-12 for axis ratios from 0.1 to 10."""
-
-FRICTION_RANGE = np.log(1e4)
-"""A required force is sought where the coefficient of friction is between 1e-4 and 1e4: every pair of materials."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
 _PHI, _DPHI = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
@@ -106,21 +100,7 @@ class Grasp(CylinderContact):
 
         inf where no force does (friction that does not grow with the force).
         """
-        share = self.share()
-        if not callable(self.friction):
-            return share / self.friction
-
-        def short(log_force, args):
-            friction, share = args
-            return jnp.log(friction_force(friction, jnp.exp(log_force))) - jnp.log(jnp.where(share > 0, share, 1.0))
-
-        args = (self.friction, share)
-        fixed = lax.stop_gradient(args)
-        middle = jnp.log(jnp.where(fixed[1] > 0, fixed[1], 1.0))
-        scan = scan_curve(lambda x: short(x, fixed), middle - FRICTION_RANGE, middle + FRICTION_RANGE)
-        carried = first_crossing(lambda x: short(x, fixed), jnp.zeros_like(share), scan.x, scan.y, scan.x[-1])
-        force = jnp.where(carried.exists, jnp.exp(implicit(short, carried.x, args)), jnp.inf)
-        return jnp.where(share > 0, force, 0.0)
+        return required_normal_force(self.friction, self.share())
 
 
 def _ratio(value: Scalar, need: Scalar) -> Scalar:

@@ -1,0 +1,172 @@
+"""A gripper of n fingers around an object (thesis 4.4.2, 5.2.3): pressure for a mass, and mass for a pressure."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..checked import Checked, choice, finite, is_concrete, part, positive, vector
+from ..numerics.paths import REACHED, follow
+from ..numerics.roots import implicit
+from ..objects import Object, friction_force, required_normal_force
+from ..results import Status, gate
+from ..scene import frozen, solve
+from ..units import GRAVITY
+from .finger import PneuNet
+from .finger_scene import Scalar, to_weight
+from .scenes import INCLINATIONS, SECTIONS, SHOOTING, HeldTip
+
+
+class Gripper(Checked):
+    """`n` equal fingers on a circle, all pointing the same way and bending towards its axis.
+
+    finger: the actuator; n: how many; base_radius: of the circle of clamps, measured to the cover's middle line, m.
+    """
+
+    finger: PneuNet = part(PneuNet)
+    n: int = eqx.field(static=True, default=3)
+    base_radius: Scalar = positive("length", default=0.01961)
+
+    def __check_init__(self) -> None:
+        if not isinstance(self.n, int) or isinstance(self.n, bool) or self.n < 2:
+            raise ValueError(f"Gripper.n is {self.n!r}; it must be a whole number, 2 or more.")
+
+    def placed(self, x: Float[Array, " m"], y: Float[Array, " m"]) -> Float[Array, "n m 3"]:
+        """A finger's line (x, y) for every finger in global coordinates: Z along the fingers, origin in the base."""
+        around = 2 * jnp.pi * jnp.arange(self.n) / self.n
+        radius = self.base_radius + y
+        return jnp.stack(
+            [
+                jnp.cos(around)[:, None] * radius,
+                jnp.sin(around)[:, None] * radius,
+                jnp.broadcast_to(x, (self.n, x.shape[0])),
+            ],
+            axis=-1,
+        )
+
+
+class Grasp(HeldTip):
+    """Fingertips pinch an object and lift it: each pulls m g / n and must press with F_ext (thesis 4.4.2, 5.2.3).
+
+    Args:
+        gripper: the fingers and where they are clamped.
+        object: what is held; its mass and friction are the task.
+        tip_offset: y_c, m, where it is known; by default it follows from the object's radius and the base radius.
+        stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
+            that taper, whose radius is taken at the height of the tip.
+        weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
+        section, inclination, shooting: as in TipContact.
+
+    required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
+    mu_f(F) F over that load: 1 is just held.
+    """
+
+    gripper: Gripper = part(Gripper)
+    object: Object = part(Object)
+    tip_offset: Scalar | None = finite("length", default=None)
+    stand_distance: Scalar | None = positive("length", default=None)
+    weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(2.0, 0.0))
+    section: str = choice(*SECTIONS, default="exact")
+    inclination: str = choice(*INCLINATIONS, default="none")
+    shooting: str = choice(*SHOOTING, default="auto")
+
+    OBSERVABLES: ClassVar = {
+        "tip_force": "force",
+        "required_force": "force",
+        "security": "number",
+        "tip": "length",
+        "tip_angle": "angle",
+        "end_moment": "moment",
+    }
+
+    def __check_init__(self) -> None:
+        if self.object.tapers and self.tip_offset is None and self.stand_distance is None:
+            raise ValueError(
+                f"Grasp.stand_distance is missing: the radius of a {type(self.object).__name__} depends on the height "
+                "of the tip, so give stand_distance, or tip_offset itself."
+            )
+
+    @property
+    def finger(self) -> PneuNet:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The gripper's finger."""
+        return self.gripper.finger
+
+    def pull(self):
+        return self.object.mass * GRAVITY / self.gripper.n
+
+    def load(self) -> Scalar:
+        """What friction must carry at each tip, N: m g / n, more on inclined faces."""
+        return self.pull() * self.object.slope_factor()
+
+    def offset_at(self, x):
+        if self.tip_offset is not None:
+            return self.tip_offset
+        height = 0.0 * x if self.stand_distance is None else self.stand_distance - x
+        return self.object.radius_at(height) - self.gripper.base_radius
+
+    def target(self):
+        mass = self.object.mass
+        if is_concrete(mass) and not np.all(np.asarray(mass) > 0):
+            raise ValueError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
+        return "security", jnp.ones_like(mass)
+
+    def observe(self, unknowns, pressure):
+        observed = super().observe(unknowns, pressure)
+        load = self.load()
+        loaded = load > 0
+        carried = friction_force(self.object.friction, observed["tip_force"])
+        return observed | {
+            "required_force": required_normal_force(self.object.friction, load),
+            "security": jnp.where(loaded, carried / jnp.where(loaded, load, 1.0), jnp.inf),
+        }
+
+    def with_mass(self, mass: Scalar) -> Grasp:
+        """The same grasp of an object of another mass."""
+        return eqx.tree_at(lambda s: s.object.mass, self, mass)
+
+
+MASS_STEP = 0.05
+"""Masses are followed in units of this part of EI / (L^2 g): a gentle first step for every finger."""
+
+
+@jax.jit
+def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
+    fixed, p = frozen((grasp, pressure))
+    unit = MASS_STEP * fixed.held_unit() * fixed.gripper.n / GRAVITY
+
+    def slack(scene, mass, unknowns):
+        """Required minus exerted force over EI / L^2: rises through zero at the largest mass."""
+        with_mass = scene.with_mass(mass)
+        exerted = friction_force(scene.object.friction, unknowns[1] * scene.held_unit())
+        return (with_mass.load() - exerted) / scene.held_unit()
+
+    empty = fixed.with_mass(jnp.zeros_like(unit)).find(p)
+    end = follow(
+        lambda u: fixed.with_mass(u[-1] * unit).residual(u[:-1], p),
+        jnp.append(empty.unknowns, 0.0),
+        lambda u: slack(fixed, u[-1] * unit, u[:-1]),
+    )
+    ok = (empty.status == Status.OK) & (end.reason == REACHED)
+    scene, pressure = gate(ok, (grasp, pressure))
+
+    def equations(u, args):
+        scene, pressure, unit = args
+        mass = u[-1] * unit
+        return jnp.append(scene.with_mass(mass).residual(u[:-1], pressure), slack(scene, mass, u[:-1]))
+
+    mass = implicit(equations, end.point.u, (scene, pressure, unit))[-1] * unit
+    return jnp.where(ok, jnp.maximum(mass, 0.0), jnp.nan)
+
+
+def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
+    """The heaviest object (kg) of this shape and friction that the gripper holds at a pressure (Pa); differentiable.
+
+    0 where the tips do not press at all; NaN where the grasp has no equilibrium at this pressure.
+    """
+    solved = solve(grasp, pressure)  # checks the arguments
+    return _largest_mass(solved.scene, solved.pressure)
