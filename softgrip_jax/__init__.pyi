@@ -14,6 +14,7 @@ from .results import Solution as Solution
 from .results import Status as Status
 from .scene import Scene as Scene
 from .scene import branch as branch
+from .scene import contact_pressure as contact_pressure
 from .scene import limit_pressure as limit_pressure
 from .scene import path as path
 from .scene import pressure_for as pressure_for

@@ -40,7 +40,7 @@ class CurveScene(Scene):
 
     @abc.abstractmethod
     def interval(self) -> tuple[Scalar, Scalar]:
-        """The angles where the state begins and where its model ends; the end with its derivatives."""
+        """The angles where the state begins and where its model ends, with their derivatives."""
 
     @abc.abstractmethod
     def load(self, angle: Scalar) -> Scalar:
@@ -77,6 +77,9 @@ class CurveScene(Scene):
         angle = jnp.where(pressure <= low, start, crossing.x)
         possible &= (pressure >= 0) & (pressure < jnp.inf)
         return Found(angle, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), crossing.iterations)
+
+    def onset(self):
+        return self.load(self.interval()[0])
 
     def find_limit(self):
         scan, stop, possible = self.climb()

@@ -103,6 +103,9 @@ class PathScene(Scene):
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
 
+    def onset(self):
+        return self.pressure_span().begin
+
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()

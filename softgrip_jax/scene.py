@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, require
+from .checked import Checked, admissible, require
 from .numerics.roots import implicit
 from .results import Solution, Status, gate, mask
 
@@ -57,6 +57,10 @@ class Scene(Checked):
     @abc.abstractmethod
     def observe(self, unknowns: Array, pressure: Scalar) -> dict[str, Array]:
         """Everything reported, in SI, from the unknowns."""
+
+    @abc.abstractmethod
+    def onset(self) -> Scalar:
+        """The pressure (Pa) at which something is first touched, or pressure begins to act; with its derivatives."""
 
     @abc.abstractmethod
     def find_limit(self) -> Found:
@@ -136,6 +140,12 @@ def _solve(scene: Scene, pressure: Scalar) -> Solution:
 
 
 @jax.jit
+def _contact_pressure(scene: Scene) -> Scalar:
+    possible = admissible(scene) & scene.is_possible()
+    return jnp.where(possible, gate(possible, scene).onset(), jnp.nan)
+
+
+@jax.jit
 def _limit_pressure(scene: Scene) -> Scalar:
     return scene.limit_pressure_from(frozen(frozen(scene).find_limit()))
 
@@ -178,6 +188,14 @@ def branch(scene: Scene, n: int = 200) -> Solution:
     """
     scene = _checked(scene)
     return _branch(scene, n)
+
+
+def contact_pressure(scene: Scene) -> Scalar:
+    """The pressure (Pa) at which contact begins (thesis appendix A; for fingers: between the chambers).
+
+    Below it the force is exactly zero. 0 in free space, NaN for an impossible scene. Differentiable.
+    """
+    return _contact_pressure(_checked(scene))
 
 
 def limit_pressure(scene: Scene) -> Scalar:

@@ -169,3 +169,20 @@ def test_limit_pressure_can_be_differentiated(case):
     values = np.asarray(jax.jit(jax.vmap(limit))(jnp.asarray(points))).reshape(4, -1)
     np.testing.assert_allclose(reverse, np.array([1, -8, 8, -1]) @ values / (12 * h), rtol=1e-8, atol=1e-9)
     assert set(MATERIALS) == set(REFERENCE)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.17])
+def test_contact_pressure_is_where_contact_begins(angle):
+    """Just below nothing is touched, just above something is; derivative by the distance against differences."""
+    square = shell(a=7.5 * mm, b=7.5 * mm)
+
+    def scene(distance):
+        return sg.shell.InclinedContact(square, distance=distance, angle=angle)
+
+    begin = sg.contact_pressure(scene(5 * mm))
+    below, above = sg.path(scene(5 * mm), [begin * (1 - 1e-9), begin * (1 + 1e-9)]).status
+    assert (sg.Status(int(below)), sg.Status(int(above))) == (sg.Status.NO_CONTACT, sg.Status.OK)
+    slope = jax.grad(lambda d: sg.contact_pressure(scene(d)))(5 * mm)
+    step = 5 * mm * 1e-4
+    difference = (sg.contact_pressure(scene(5 * mm + step)) - sg.contact_pressure(scene(5 * mm - step))) / (2 * step)
+    assert slope == pytest.approx(float(difference), rel=1e-7)

@@ -21,7 +21,8 @@ from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.roots import bracketed_root, implicit
 from ..results import Solution, Status, gate
-from ..scene import limit_pressure, solve
+from ..scene import contact_pressure as scene_contact_pressure
+from ..scene import frozen, limit_pressure, solve
 from ..shell.flat_shell import has_largest_stretch, locking_angle
 from .finger import SEGMENT_FIELDS, PneuNet
 
@@ -92,8 +93,12 @@ class Chamber(CurveScene):
 
     def interval(self):
         low, end = self.search_interval()
-        touch = bracketed_root(lambda angle: lax.stop_gradient(self.wall(angle).contact_width), low, end).x
-        return touch, end
+        fixed = frozen(self)
+
+        def width(angle, scene):
+            return scene.wall(angle).contact_width / scene.finger.a
+
+        return implicit(width, bracketed_root(lambda angle: width(angle, fixed), low, end).x, self), end
 
     def unbounded(self):
         if not has_largest_stretch(self.finger.material):
@@ -213,9 +218,7 @@ def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
     the free arc (4.18) touches a little earlier (type A: by 7 % at 0.02 rad, 16 % at 0.15), because (4.28) measures
     the stretch of the exterior part alone.
     """
-    scene = Chamber(finger, inclination)
-    angle = implicit(lambda x, scene: scene.wall(x).contact_width / scene.finger.a, scene.interval()[0], scene)
-    return scene.load(angle)
+    return scene_contact_pressure(Chamber(finger, inclination))
 
 
 def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:

@@ -9,7 +9,8 @@ from jax import lax
 
 from ..checked import positive, right_angle
 from ..membrane import arc_chain, flat_contact_stretch, inclined_wall, length_stretch
-from ..numerics.roots import bracketed_root
+from ..numerics.roots import bracketed_root, implicit
+from ..scene import frozen
 from .flat_shell import Scalar, ShellScene
 from .free import two_sections
 
@@ -99,8 +100,14 @@ class InclinedContact(ShellScene):
         return inclined_wall(theta, shell.a, shell.b, shell.t_m, shell.material, self.distance, self.angle)
 
     def geometry(self):
-        begin = first_touch(lambda theta: self._wall(theta).contact_width, self.distance / self.shell.a)
-        return begin, jnp.pi + jnp.zeros_like(self.distance)
+        def width(theta, scene):
+            return scene._wall(theta).contact_width / scene.shell.a
+
+        # At 1e-3 of the angle of a parallel plane the arc is nearly flat and far from touching: the width is negative.
+        low = lax.stop_gradient(1e-3 * jnp.arctan(self.distance / self.shell.a))
+        fixed = frozen(self)
+        begin = bracketed_root(lambda theta: width(theta, fixed), low, jnp.pi + jnp.zeros_like(low)).x
+        return implicit(width, begin, self), jnp.pi + jnp.zeros_like(self.distance)
 
     def is_possible(self):
         return super().is_possible() & (self._wall(jnp.pi + jnp.zeros_like(self.distance)).contact_width > 0)
@@ -133,11 +140,3 @@ class InclinedContact(ShellScene):
         x, z = arc_chain(arcs, jnp.stack([bent, jnp.zeros_like(bent), bent]), angle - self.angle, n)
         return {"x": x - self.shell.a, "z": z}
 
-
-def first_touch(width, d_over_a: Scalar) -> Scalar:
-    """theta_m2 where the contact width is zero and rising; no derivatives (nothing depends on it but a bracket)."""
-    # At 1e-3 of the angle of a parallel plane the arc is nearly flat and far from touching: the width is negative.
-    low = 1e-3 * jnp.arctan(d_over_a)
-    return lax.stop_gradient(
-        bracketed_root(lambda theta: lax.stop_gradient(width(theta)), low, jnp.pi + jnp.zeros_like(low)).x
-    )
