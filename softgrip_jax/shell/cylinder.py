@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from ..checked import positive
 from ..membrane import angle_of_stretch, angle_over_sine, arc_chain, flat_contact_angle
 from .flat_shell import Scalar, ShellScene
-from .free import two_sections
 
 ALMOST_ONE = 1 - 1e-9
 """sin^2 of half a right turn, short of where its arcsine has no derivative: the membrane is used up long before."""
@@ -128,24 +127,19 @@ class CylinderContact(ShellScene):
         c_a = self.half_width(state)
         theta_ma = 2 * jnp.arctan2(self.gap, a - c_a)
         r_a = self.gap / (2 * jnp.sin(0.5 * theta_ma) ** 2)
-        across = two_sections(
-            (-a, jnp.stack([r_a * theta_ma, 2 * c_a, r_a * theta_ma]), jnp.stack([-1 / r_a, zero, -1 / r_a])),
-            (-b, jnp.stack(arcs), jnp.stack(bends)),
-            state.theta_m,
-            n,
-        )
-        x, z = arc_chain(
-            jnp.stack([r_a * theta_ma, 2 * c_a, r_a * theta_ma]), jnp.stack([-1 / r_a, zero, -1 / r_a]), theta_ma, n
-        )
-        return across | {"x": x - a, "z": z}
+        width = jnp.stack([r_a * theta_ma, 2 * c_a, r_a * theta_ma])
+        x, z = arc_chain(width, jnp.stack([-1 / r_a, zero, -1 / r_a]), theta_ma, n)
+        y, z_length = arc_chain(jnp.stack(arcs), jnp.stack(bends), state.theta_m, n)
+        return {"x": x - a, "z": z, "y": y - b, "z_length": z_length}
 
 
 class AxialOffset(CylinderContact):
     """Contact with a cylinder whose axis is at `height` h (m) from one end of the membrane (thesis 3.4.4).
 
-    h = b is the symmetric state. By (3.32), (3.33) e_1 + e_2 = 2 e, and with kappa_2 from the mean straight length the
-    pressure does not depend on h (see `docs/theory.md`): only e_1 and e_2 do. The grasp is stable while e_2 >= 0, so
-    the model ends where e_1 or e_2 is used up; an offset with e_2 < 0 from the start is IMPOSSIBLE.
+    h = b is the symmetric state. Adding (3.32) and (3.33), e_1 + e_2 = 2 e of (3.15), so (3.31) is (3.14); with kappa_2
+    (3.30) from the mean straight length (the thesis does not say which) the pressure does not depend on h: only e_1
+    and e_2 do. The grasp is stable while e_2 >= 0, so the model ends where e_1 or e_2 is used up; an offset with
+    e_2 < 0 from the start is IMPOSSIBLE.
     """
 
     height: Scalar = positive("length")
