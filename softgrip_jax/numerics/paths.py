@@ -34,8 +34,13 @@ SMALLEST_STEP = 1e-7
 MAX_STEPS = 400
 NEWTON_STEPS = 8
 """A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
+CONTRACTION = 0.7
+"""Corrections must shrink at least this much (Deuflhard 2004, 2.1, has 1/2; next to a limit point they just halve): a
+Newton iteration that wanders may settle on another branch. The start of the search is then taken closer."""
 TURN = 0.9
 """Cosine of the largest turn of the tangent in one step (26 degrees): keeps a step from jumping between branches."""
+DETOUR = 0.25
+"""A correction is at most this part of its step: an arc that turns by 26 degrees leaves its tangent by 0.22."""
 GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
@@ -67,7 +72,7 @@ def value_and_jacobian(function: Residual, u: Vector) -> tuple[Vector, Float[Arr
 
 
 def newton(function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_STEPS) -> Corrected:
-    """Newton's method from a good start, to the last bits of u."""
+    """Newton's method from a good start, to the last bits of u; given up where its moves do not contract."""
     n = u.shape[0]
     enough = 1e3 * jnp.finfo(u.dtype).eps
 
@@ -79,16 +84,17 @@ def newton(function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_S
         return u - move, jacobian, last, jnp.where(jnp.isfinite(size), size, jnp.inf), count + 1
 
     def busy(state):
-        u, _, before_last, _, count = state
+        u, _, before_last, last, count = state
+        contracts = last <= jnp.maximum(CONTRACTION * before_last, SETTLED)
         # Quadratic convergence: after a move of 1e-7 the next one reaches the last bit, and one after that is idle.
-        return (before_last > jnp.sqrt(enough)) & (count < limit) & jnp.all(jnp.isfinite(u))
+        return (before_last > jnp.sqrt(enough)) & (count < limit) & contracts & jnp.all(jnp.isfinite(u))
 
     far = jnp.asarray(jnp.inf, u.dtype)
     u, jacobian, _, size, _ = lax.while_loop(busy, step, (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0)))
     return Corrected(u, jacobian, size <= SETTLED)
 
 
-def _tangent(jacobian: Float[Array, "n m"], along: Vector) -> Vector:
+def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[Array, " m"]:
     """The unit null vector of the residual's Jacobian that points along `along`."""
     matrix = jnp.concatenate([jacobian, along[None]])
     tangent = solve_small(matrix, jnp.zeros_like(along).at[-1].set(1.0))
@@ -104,8 +110,8 @@ def correct(
 ) -> tuple[Point, Bool[Array, ""]]:
     """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
 
-    Returns it and whether it can be trusted: converged, and the tangent has not turned too far since `point` (towards
-    a goal the turn has been seen to be small, all the way to the far end).
+    Returns it and whether it can be trusted: converged, the tangent has not turned too far since `point`, and the
+    correction was small (a goal may be far from its guess along the path).
     """
 
     def equations(u):
@@ -116,7 +122,8 @@ def correct(
     found = newton(equations, guess, jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS))
     tangent = _tangent(found.jacobian[:-1], point.tangent)
     steady = jnp.dot(tangent, point.tangent) > TURN
-    return Point(found.u, tangent), found.converged & (steady | to_goal)
+    near = jnp.linalg.norm(found.u - guess) <= DETOUR * jnp.linalg.norm(guess - point.u) + SETTLED
+    return Point(found.u, tangent), found.converged & steady & (near | to_goal)
 
 
 class Search(NamedTuple):
@@ -133,6 +140,8 @@ class Search(NamedTuple):
     rise_low: Scalar
     rise_high: Scalar
     """Load components of the tangent at both ends of the bracket; an end that stays twice counts half (Illinois)."""
+    stride: Scalar
+    """Arc length of the step from `before` that led to the bracket."""
     rose: Int[Array, ""]
     """Whether the last trial in the bracket was still rising (1) or not (-1); 0 before the first."""
     at_fold: Bool[Array, ""]
@@ -164,8 +173,8 @@ def follow(residual: Residual, u: Vector, goal: Goal) -> End:
     def step(search: Search) -> Search:
         to_goal = search.mode == TO_GOAL
         new, good = correct(residual, search.before, guess_of(search), goal, to_goal)
-        stepped, folding = _after_step(search, new, good, goal), _after_fold_trial(search, new, goal)
-        reached = search._replace(found=new, mode=jnp.where(good, REACHED, ENDED))
+        stepped, folding = _after_step(search, new, good, goal), _after_fold_trial(search, new, good, goal)
+        reached = _after_goal_trial(search, new, good)
         chosen = jax.tree.map(
             lambda a, b, c: jnp.where(search.mode == STEPPING, a, jnp.where(to_goal, c, b)), stepped, folding, reached
         )
@@ -174,7 +183,7 @@ def follow(residual: Residual, u: Vector, goal: Goal) -> End:
     start = Point(u, up)
     # The first "step" has length zero: it finds the tangent at u.
     no, mode, count = jnp.asarray(False), jnp.asarray(STEPPING), jnp.asarray(0)
-    first = Search(start, start, start, zero, zero, zero, zero, zero, count, no, mode, count)
+    first = Search(start, start, start, zero, zero, zero, zero, zero, zero, count, no, mode, count)
     last = lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, first)
     return End(last.found, jnp.where(last.mode < REACHED, ENDED, last.mode), last.count)
 
@@ -197,6 +206,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
         far=new,
         low=jnp.zeros_like(search.low),
         high=search.length,
+        stride=search.length,
         rise_low=search.before.tangent[-1],
         rise_high=new.tangent[-1],
     )
@@ -213,6 +223,22 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
     return pick(good, result, again)
 
 
+def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
+    reached = search._replace(found=new, mode=jnp.asarray(REACHED))
+    return jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, _step_again(search))
+
+
+def _step_again(search: Search) -> Search:
+    """Back to `before` and shorter steps: what looked like the path's next point was on another branch."""
+    shorter = 0.3 * search.stride
+    return search._replace(
+        length=shorter,
+        rose=jnp.zeros_like(search.rose),
+        at_fold=jnp.zeros_like(search.at_fold),
+        mode=jnp.where(shorter < SMALLEST_STEP, ENDED, STEPPING),
+    )
+
+
 def _between(search: Search) -> Scalar:
     """The next trial inside the bracket of a limit point: regula falsi."""
     slope = search.rise_low - search.rise_high
@@ -220,7 +246,7 @@ def _between(search: Search) -> Scalar:
     return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
 
 
-def _after_fold_trial(search: Search, new: Point, goal: Goal) -> Search:
+def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -> Search:
     rise = new.tangent[-1]
     rising = rise > 0
     side = jnp.where(rising, 1, -1)
@@ -234,12 +260,15 @@ def _after_fold_trial(search: Search, new: Point, goal: Goal) -> Search:
         rose=side,
     )
     inner = inner._replace(length=_between(inner))
-    done = (jnp.abs(rise) < FLAT) | (inner.high - inner.low < 1e-12)
+    done = jnp.abs(rise) < FLAT
+    # A bracket that closes where the tangent jumps holds no limit point.
+    lost = ~good | (~done & (inner.high - inner.low < 1e-12))
     at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
     over = goal(new.u) >= 0
     aimed, stopped = _to_goal(at_fold, goal), at_fold._replace(mode=jnp.asarray(FOLD))
     finished = jax.tree.map(lambda a, b: jnp.where(over, a, b), aimed, stopped)
-    return jax.tree.map(lambda a, b: jnp.where(done, a, b), finished, inner)
+    back = _step_again(search)
+    return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
 
 
 class Border(NamedTuple):
@@ -256,9 +285,9 @@ def fold_border(residual: Residual, u: Vector) -> Border:
     return lax.stop_gradient(Border(jacobian[:, -1], tangent[:-1]))
 
 
-def _null_direction(jacobian: Float[Array, "n m"]) -> Vector:
+def _null_direction(jacobian: Float[Array, "n m"]) -> Float[Array, " m"]:
     """A vector that is not orthogonal to the null space: the cross product of the rows, or its projection."""
-    n, m = jacobian.shape
+    m = jacobian.shape[1]
     scale = jnp.max(jnp.abs(jacobian))
     gram = jacobian.T @ jacobian + 1e-10 * scale**2 * jnp.eye(m, dtype=jacobian.dtype)
     v = jnp.ones(m, jacobian.dtype)
