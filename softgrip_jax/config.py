@@ -213,7 +213,8 @@ def read_field(key: Key, value: Any, where: str) -> Any:
     """The value of one field from what stands in the table."""
     meta, place = key.field.metadata, f"{where}: {key.key}"
     if "rule" in meta:
-        return read_numbers(value, place, meta["rule"], meta["kind"], shapes_of(key.annotation))
+        shapes = [str(meta["size"])] if "size" in meta else shapes_of(key.annotation)
+        return read_numbers(value, place, meta["rule"], meta["kind"], shapes)
     if meta.get("friction"):
         if isinstance(value, dict):
             return read_module((Friction,), value, f"{where[:-1]}.{key.key}]")
@@ -271,6 +272,8 @@ def to_table(module: Any, bases: tuple[type, ...]) -> dict[str, Any]:
         raise ConfigError(f"A {type(module).__name__} cannot be written to a config: it holds more than numbers.")
     for key in keys_of(type(module)).values():
         value, meta = getattr(module, key.name), key.field.metadata
+        if value is None and "size" in meta and key.field.default is not None:
+            value = np.zeros(meta["size"])  # left out it would be the default
         if value is None:
             continue
         if "types" in meta or isinstance(value, Friction):

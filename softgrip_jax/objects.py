@@ -112,9 +112,9 @@ class Object(Checked):
         mass: Scalar
         friction: Any
 
+    @abc.abstractmethod
     def radius_at(self, height: Scalar) -> Scalar:
         """Distance (m) of the surface that a tip touches from the axis, at a height (m) above the base."""
-        raise NotImplementedError
 
     def slope_factor(self) -> Scalar:
         """How much more normal force inclined faces need: 1 for upright ones, 1/sin^2 of the base angle for cones."""
@@ -155,9 +155,9 @@ class Taper(Object):
     if TYPE_CHECKING:
         height: Scalar
 
+    @abc.abstractmethod
     def base_radius(self) -> Scalar:
         """Distance of the touched face from the axis at the base, m."""
-        raise NotImplementedError
 
     def radius_at(self, height):
         return self.base_radius() * (1 - height / self.height)

@@ -109,6 +109,8 @@ def in_units(value: Any, kind: str) -> str:
     numbers = np.asarray(value) / unit
     if np.all(np.isnan(numbers)):
         return "-"
+    # Of a point, what is nothing beside its other component is shown as nothing.
+    numbers = np.where(np.abs(numbers) < 1e-9 * np.max(np.abs(numbers)), 0.0, numbers)
     text = f"{numbers:.5g}" if numbers.ndim == 0 else "(" + ", ".join(f"{v:.5g}" for v in numbers) + ")"
     return f"{text} {label}".strip()
 

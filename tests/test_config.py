@@ -99,9 +99,31 @@ SCENES = [
     sg.shell.Grasp(SHELL, 20 * mm, 5 * mm, friction=FrictionTable(force=[0.5, 1.0], coefficient=[1.5, 1.3])),
     *(sg.shell.Free(sg.FlatShell(16 * mm, 43 * mm, 1.1 * mm, material)) for material in MATERIALS),
 ]
+TYPE_A = sg.PneuNet.table_5_1("A")
+GRIPPER = sg.pneunet.Gripper(TYPE_A, n=4, base_radius=20 * mm)
+FINGER_SCENES = [
+    sg.pneunet.Free(TYPE_A, weight=(0.0, 0.0), clamp_angle=0.3, inclination="gap"),
+    sg.pneunet.Free(eqx.tree_at(lambda f: f.h_x, TYPE_A, jnp.array([0.7, 0.8, 0.9]) * mm), tip_load=(0.1, -0.2)),
+    sg.pneunet.TipContact(TYPE_A, tip_offset=-3.3 * mm, tip_pull=0.1, weight=(0.0, -2.0), section="thesis"),
+    sg.pneunet.Chamber(TYPE_A, inclination=0.07),
+    sg.pneunet.Grasp(GRIPPER, sg.objects.Cylinder(18 * mm, 26 * gram, 0.96), weight=None),
+    sg.pneunet.Grasp(GRIPPER, sg.objects.HexagonalCylinder(15 * mm, 35 * gram, 0.96), tip_offset=-5 * mm),
+    sg.pneunet.Grasp(GRIPPER, sg.objects.Cone(30 * mm, 80 * mm, 20 * gram, 0.96), stand_distance=110 * mm),
+    sg.pneunet.Grasp(
+        GRIPPER,
+        sg.objects.ThreeFaceCone(50 * mm, 80 * mm, 19 * gram, FrictionTable(force=[0.5, 1.0], coefficient=[1.5, 1.3])),
+        stand_distance=110 * mm,
+        section="inextensible",
+    ),
+]
 
 
-@pytest.mark.parametrize("scene", SCENES, ids=lambda s: f"{type(s).__name__}-{type(s.shell.material).__name__}")
+def _label(scene):
+    parts = (getattr(getattr(scene, "shell", None), "material", None), getattr(scene, "object", None))
+    return "-".join(type(part).__name__ for part in (scene, *parts) if part is not None)
+
+
+@pytest.mark.parametrize("scene", SCENES + FINGER_SCENES, ids=_label)
 def test_a_scene_written_to_a_config_comes_back_the_same(scene, tmp_path):
     text = config.dump(scene, "two lines\nof comment", solve={"pressure_kPa": 12.5})
     back = read(text, tmp_path)
@@ -196,7 +218,7 @@ class Pusher(Scene):
     def find(self, pressure):
         raise NotImplementedError
 
-    residual = observe = find_limit = limit_pressure_from = solve_for = branch = find
+    residual = observe = onset = find_limit = limit_pressure_from = solve_for = branch = find
 
 
 def test_a_new_scene_needs_nothing_here(tmp_path):

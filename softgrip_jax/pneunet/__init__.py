@@ -1,5 +1,7 @@
 """The pneu-net finger: chambers, cover, and the scenes of a finger and of a gripper of n fingers."""
 
+from .chamber import Chamber as Chamber
+from .chamber import SmallStrainChamber as SmallStrainChamber
 from .chamber import chamber as chamber
 from .chamber import contact_pressure as contact_pressure
 from .chamber import wall_limit as wall_limit
@@ -7,5 +9,6 @@ from .finger import PneuNet as PneuNet
 from .grasp import Grasp as Grasp
 from .grasp import Gripper as Gripper
 from .grasp import largest_mass as largest_mass
+from .linear import Linear as Linear
 from .scenes import Free as Free
 from .scenes import TipContact as TipContact

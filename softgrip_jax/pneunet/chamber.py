@@ -75,6 +75,9 @@ class Chamber(CurveScene):
         distance, incline = self._nearer_edge()
         return inclined_wall(angle, f.a, f.b, f.t_m, f.material, distance, incline)
 
+    def prepared(self):
+        return _one_chamber(self)
+
     def is_possible(self):
         return self._nearer_edge()[0] >= 0
 
@@ -127,6 +130,16 @@ class Chamber(CurveScene):
         }
 
 
+def _one_chamber(scene: Any) -> Any:
+    """The scene itself, unless its finger has chambers of several kinds (when asked: a batch of scenes may be made)."""
+    if scene.finger.segments is not None:
+        raise ValueError(
+            f"{type(scene).__name__} is one chamber and its finger has lists; give one number each, or ask "
+            "pneunet.chamber(finger, pressure) for all."
+        )
+    return scene
+
+
 def gap_share(finger: PneuNet) -> Scalar:
     """sqrt(2 h_x / (2 h_x + h_L)) of (4.39): the moment on the gap as one on the whole segment, of equal energy.
 
@@ -154,6 +167,9 @@ class SmallStrainChamber(CurveScene):
         "lever_arm": "length",
         "inflation": "length",
     }
+
+    def prepared(self):
+        return _one_chamber(self)
 
     def interval(self):
         start = jnp.arctan(self.finger.h_x / self.finger.a)

@@ -41,7 +41,9 @@ STEPS_PER_PART = 8
 
 def to_weight(value: Any) -> Any:
     """(g_x, g_y) as an array; a written (0, 0) is no weight at all, so that nothing is computed for it."""
-    if value is None or (isinstance(value, tuple | list) and all(type(v) in (int, float) and v == 0 for v in value)):
+    if value is None or (isinstance(value, np.ndarray) and not np.any(value)):
+        return None
+    if isinstance(value, tuple | list) and all(type(v) in (int, float) and v == 0 for v in value):
         return None
     return to_float_array(np.asarray(value) if isinstance(value, tuple | list) else value)
 

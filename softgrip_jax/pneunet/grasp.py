@@ -79,7 +79,7 @@ class Grasp(HeldTip):
         "tip_force": "force",
         "required_force": "force",
         "security": "number",
-        "tip": "length",
+        "tip": "position",
         "tip_angle": "angle",
         "end_moment": "moment",
     }
