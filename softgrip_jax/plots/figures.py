@@ -1,26 +1,22 @@
-"""Solutions as pictures. The only room that imports matplotlib; every function returns what it drew on.
+"""Figures: one scene, several on one scale, a curve through its limit, a search.
 
-Lengths in mm, pressures in kPa. A kind of scene that has its own look registers a painter with `@paints(SceneClass)`;
-`draw` takes the nearest class of the scene that has one.
+A kind of scene that has its own look registers a painter with `@paints(SceneClass)`; `draw` takes the nearest class of
+the scene that has one. Where a picture needs more than flat views, `@composes(SceneClass)` makes the whole figure.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
 
-from .results import Solution, Status
-from .scene import Scene, branch, limit_pressure
-from .shell.cylinder import CylinderContact
-from .shell.flat import FlatContact, InclinedContact
-from .shell.flat_shell import ShellScene
-from .units import DISPLAY, kPa, mm
+from ..results import Solution, Status
+from ..scene import Scene, branch, limit_pressure
+from ..units import DISPLAY, kPa
 
 # Okabe and Ito's palette: told apart by every kind of colour vision, and in grey.
 BLUE, ORANGE, GREEN, VERMILION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
@@ -45,49 +41,71 @@ STYLE: dict[str, Any] = {
 }
 """One look for every figure, readable at the width of a column (85 mm)."""
 
-RIM = 4.0
-"""mm of the rigid shell that a picture shows around and under the membrane."""
-
-POINTS = 301
-"""Points on a membrane: a corner of its profile is off by less than a line's width."""
-
 WIDTH = 7.0
 """Inches: both columns of a page."""
 
 Painter = Callable[[Solution, Sequence[Axes]], None]
-_PAINTERS: dict[type[Scene], tuple[tuple[str, ...], Painter]] = {}
+Composer = Callable[[Solution], Figure]
 
 
-def paints(scene: type[Scene], *views: str) -> Callable[[Painter], Painter]:
+class Look(NamedTuple):
+    """How a kind of scene is drawn: its views, by the label of their horizontal axis, and who paints them."""
+
+    views: tuple[str, ...]
+    vertical: str
+    paint: Painter
+
+
+_PAINTERS: dict[type[Scene], Look] = {}
+_COMPOSERS: dict[type[Scene], Composer] = {}
+
+
+def paints(scene: type[Scene], *views: str, vertical: str = "z (mm)") -> Callable[[Painter], Painter]:
     """Register a painter of `scene` and its subclasses; `views` label the axes that it is given."""
 
     def register(painter: Painter) -> Painter:
-        _PAINTERS[scene] = (views, painter)
+        _PAINTERS[scene] = Look(views, vertical, painter)
         return painter
+
+    return register
+
+
+def composes(scene: type[Scene]) -> Callable[[Composer], Composer]:
+    """Register what `draw` shows of `scene` and its subclasses, where that is more than the views of a painter."""
+
+    def register(composer: Composer) -> Composer:
+        _COMPOSERS[scene] = composer
+        return composer
 
     return register
 
 
 def draw(solution: Solution) -> Figure:
     """A picture of one solved scene, to scale."""
+    look(solution)
+    for cls in type(solution.scene).__mro__:
+        if cls in _COMPOSERS:
+            with mpl.rc_context(STYLE):
+                return _COMPOSERS[cls](solution)
     return compare({"": solution})
 
 
 def compare(solutions: Mapping[str, Solution]) -> Figure:
     """Several solutions of one kind of scene under each other, on one scale: before and after, for instance."""
-    painters = {label: _painter(solution) for label, solution in solutions.items()}
-    views = max((views for views, _ in painters.values()), key=len)
+    looks = {label: look(solution) for label, solution in solutions.items()}
+    views, vertical, _ = max(looks.values(), key=lambda look: len(look.views))
+    width = WIDTH if len(views) > 1 else 0.6 * WIDTH
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH, WIDTH))
+        figure = Figure(figsize=(width, width))
         grid = figure.subplots(len(solutions), len(views), squeeze=False, sharex="col", sharey=True)
         for row, (label, solution) in zip(grid, solutions.items(), strict=True):
-            painters[label][1](solution, list(row))
-            pressure = f"{float(solution.pressure) / kPa:.3g} kPa"
+            looks[label].paint(solution, list(row))
+            pressure = pressure_text(solution)
             row[0].set_title(f"{label}: {pressure}" if label else pressure, loc="left", fontweight="bold")
         for ax, view in zip(grid[-1], views, strict=True):
             ax.set_xlabel(view)
         for ax in grid[:, 0]:
-            ax.set_ylabel("z (mm)")
+            ax.set_ylabel(vertical)
         for ax in grid.ravel():
             ax.set_aspect("equal")
             ax.tick_params(labelbottom=ax in grid[-1], labelleft=ax in grid[:, 0])
@@ -95,8 +113,8 @@ def compare(solutions: Mapping[str, Solution]) -> Figure:
         spans = [np.ptp(ax.get_xlim()) for ax in grid[0]]
         grid[0, 0].get_gridspec().set_width_ratios(spans)
         figure.set_layout_engine("constrained", h_pad=0.06)
-        height = len(solutions) * (0.86 * WIDTH * np.ptp(grid[0, 0].get_ylim()) / sum(spans) + 0.3) + 0.4
-        figure.set_size_inches(WIDTH, height)
+        height = len(solutions) * (0.86 * width * np.ptp(grid[0, 0].get_ylim()) / sum(spans) + 0.3) + 0.4
+        figure.set_size_inches(width, height)
     return figure
 
 
@@ -164,66 +182,13 @@ def convergence(history: Mapping[str, np.ndarray], label: str = "best objective"
     return figure
 
 
-# --- painters ---------------------------------------------------------------------------------------------------------
+def pressure_text(solution: Solution) -> str:
+    """The pressure as the title of a picture."""
+    return f"{float(solution.pressure) / kPa:.3g} kPa"
 
 
-@paints(ShellScene, "along the length, y (mm)", "across the width, x (mm)")
-def _paint_shell(solution: Solution, axes: Sequence[Axes]) -> None:
-    shape = {name: np.asarray(v) / mm for name, v in solution.shape(POINTS).items()}
-    _paint_section(axes[0], solution, "length", shape["y"], shape["z_length"])
-    _paint_section(axes[1], solution, "width", shape["x"], shape["z"])
-
-
-def _paint_section(ax: Axes, solution: Solution, view: str, s: np.ndarray, z: np.ndarray) -> None:
-    scene: Any = solution.scene
-    half = float(scene.shell.b if view == "length" else scene.shell.a) / mm
-    _paint_surroundings(scene, solution, ax, view, half, s, z)
-    # The rigid shell holds the edges of the membrane; the dashes are where it lies without pressure.
-    body = {"facecolor": BODY, "edgecolor": "none", "zorder": 1}
-    ax.add_patch(Rectangle((-half - RIM, -RIM), 2 * (half + RIM), RIM, **body))
-    ax.plot([-half, half], [0, 0], color="white", linewidth=1, linestyle=(0, (4, 3)), zorder=2)
-    ax.plot(s, z, color=BLUE, linewidth=2, solid_capstyle="round", zorder=4)
-    ax.plot([-half, half], [0, 0], "s", color="black", markersize=3.5, zorder=5)
-
-
-def _paint_surroundings(scene, solution, ax, view, half, s, z) -> None:
-    """What the membrane touches: a plane as a slab, a cylinder as its section."""
-    look = {"facecolor": OBJECT_FACE, "edgecolor": OBJECT_EDGE, "linewidth": 1.0, "zorder": 0}
-    slab = 2 * RIM
-    if isinstance(scene, FlatContact):
-        ax.add_patch(Rectangle((-half - RIM, float(scene.distance) / mm), 2 * (half + RIM), slab, **look))
-    elif isinstance(scene, InclinedContact) and view == "width":
-        lean = float(scene.angle)
-        along, normal = np.array([np.cos(lean), -np.sin(lean)]), np.array([np.sin(lean), np.cos(lean)])
-        middle = np.max(s * normal[0] + z * normal[1]) * normal
-        reach = 1.3 * half
-        corners = [middle - reach * along, middle + reach * along]
-        ax.add_patch(Polygon([*corners, corners[1] + slab * normal, corners[0] + slab * normal], closed=True, **look))
-    elif isinstance(scene, CylinderContact):
-        radius, gap = float(scene.radius) / mm, float(scene.gap) / mm
-        if view == "length":
-            ax.add_patch(Circle((half - _axis_height(solution), gap + radius), radius, **look))
-        else:
-            ax.add_patch(Rectangle((-half - RIM, gap), 2 * (half + RIM), 2 * radius, **look))
-
-
-def _axis_height(solution: Solution) -> float:
-    """Distance (mm) of the cylinder's axis from the near end of the membrane: b where the state is symmetric."""
-    scene: Any = solution.scene
-    height = solution.observables.get("height", getattr(scene, "height", scene.shell.b))
-    return float(height) / mm
-
-
-@paints(InclinedContact, "across the width, x (mm)")
-def _paint_inclined(solution: Solution, axes: Sequence[Axes]) -> None:
-    shape = {name: np.asarray(v) / mm for name, v in solution.shape(POINTS).items()}
-    _paint_section(axes[0], solution, "width", shape["x"], shape["z"])
-
-
-# --- figures ----------------------------------------------------------------------------------------------------------
-
-
-def _painter(solution: Solution) -> tuple[tuple[str, ...], Painter]:
+def look(solution: Solution) -> Look:
+    """Who paints a solution, or a ValueError that says why nobody can."""
     if np.ndim(solution.status):
         raise ValueError("This solution is a batch; draw one scene of it.")
     if int(solution.status) != Status.OK:

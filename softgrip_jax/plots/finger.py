@@ -1,0 +1,279 @@
+"""Fingers: the bent cover with its chambers, and a gripper around its object.
+
+The cover is a band of thickness H along the deformed middle line. The chambers stand on its outer side as boxes, 2a
+high and h_L long, with walls t_m thick; each turns with the cover under its middle. The model's tip is the end of the
+middle line, so an object is drawn up to that line and not to the corner of the cover.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon, Rectangle
+
+from ..objects import HexagonalCylinder, Taper, ThreeFaceCone
+from ..pneunet.finger import PneuNet
+from ..pneunet.finger_scene import FingerScene
+from ..pneunet.grasp import Grasp
+from ..pneunet.scenes import HeldTip
+from ..results import Solution
+from ..units import mm
+from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, VERMILION, WIDTH, composes, paints, pressure_text
+
+POINTS = 201
+"""Points along a finger: a chord is off the line by less than 0.01 mm."""
+PALE, GREY = "#D3E4F1", "#B5B5B5"
+"""The air in a chamber; a finger without pressure."""
+ARROW = 14.0
+"""mm: length of the arrow of a force, whatever its size, which is written beside it."""
+
+LIGHT = np.array([0.3, 0.8, -0.5196])
+"""From where light falls on a gripper in space: a unit vector, to the viewer's right."""
+
+Line = dict[str, np.ndarray]
+Place = Callable[[np.ndarray], np.ndarray]
+"""Points (x, y) of a finger, shape (n, 2), to where they are in the picture."""
+
+
+def line_of(solution: Solution) -> Line:
+    """The deformed middle line: X, x, y in mm, theta in rad."""
+    shape = {name: np.asarray(value) for name, value in solution.shape(POINTS).items()}
+    return {"theta": shape["theta"]} | {name: shape[name] / mm for name in ("X", "x", "y")}
+
+
+def straight(finger: PneuNet, angle: float) -> Line:
+    """The middle line without any load."""
+    along = np.linspace(0.0, float(finger.L) / mm, POINTS)
+    turned = np.full(POINTS, angle)
+    return {"X": along, "x": along * np.cos(angle), "y": along * np.sin(angle), "theta": turned}
+
+
+def band(line: Line, thickness: float) -> np.ndarray:
+    """The outline of the cover."""
+    middle = np.stack([line["x"], line["y"]], axis=-1)
+    normal = np.stack([-np.sin(line["theta"]), np.cos(line["theta"])], axis=-1)
+    return np.concatenate([middle + 0.5 * thickness * normal, (middle - 0.5 * thickness * normal)[::-1]])
+
+
+def chamber_places(finger: PneuNet) -> list[tuple[float, float, float, float]]:
+    """(first X, last X, height, wall) in mm of every chamber; a uniform finger's last one may be cut by its end."""
+    length = float(finger.L) / mm
+    if finger.segments is None:
+        pitch = float(finger.pitch) / mm
+        starts = np.arange(0.0, length - 1e-9, pitch)
+        pitches = np.full(starts.shape, pitch)
+    else:
+        pitches = np.asarray(finger.segment_lengths) / mm
+        starts = np.cumsum(pitches) - pitches
+    fields = [np.broadcast_to(np.asarray(getattr(finger, name)), starts.shape) for name in ("h_x", "h_L", "a", "t_m")]
+    places = []
+    for start, pitch, h_x, h_L, a, t_m in zip(starts, pitches, *fields, strict=True):
+        gap = pitch * h_x / (2 * h_x + h_L)
+        first, last = start + gap, min(start + pitch - gap, length)
+        if last - first > 2 * t_m / mm:
+            places.append((first, last, 2 * a / mm, t_m / mm))
+    return places
+
+
+def box(line: Line, finger: PneuNet, first: float, last: float, low: float, high: float) -> np.ndarray:
+    """The corners of a box on the cover, from `low` to `high` above it."""
+    at = 0.5 * (first + last)
+    x, y, theta = (np.interp(at, line["X"], line[name]) for name in ("x", "y", "theta"))
+    along, normal = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+    half, foot = 0.5 * (last - first), 0.5 * float(finger.H) / mm
+    corners = [(-half, low), (half, low), (half, high), (-half, high)]
+    return np.array([np.array([x, y]) + s * along + (foot + z) * normal for s, z in corners])
+
+
+def paint_finger(ax: Axes, finger: PneuNet, line: Line, place: Place, bare: bool = False) -> None:
+    """A finger: filled, or as the grey outline of one without pressure."""
+    thickness = float(finger.H) / mm
+    solid: dict[str, Any] = {"facecolor": BLUE, "edgecolor": "white", "linewidth": 0.4, "zorder": 3}
+    outline: dict[str, Any] = {"fill": False, "edgecolor": GREY, "linewidth": 0.6, "zorder": 1}
+    for first, last, height, wall in chamber_places(finger):
+        shell = box(line, finger, first, last, 0.0, height)
+        ax.add_patch(Polygon(place(shell), closed=True, **(outline if bare else solid)))
+        if not bare:
+            air = box(line, finger, first + wall, last - wall, 0.0, height - wall)
+            ax.add_patch(Polygon(place(air), closed=True, facecolor=PALE, edgecolor="none", zorder=4))
+    cover = band(line, thickness)
+    ax.add_patch(Polygon(place(cover), closed=True, **(outline if bare else solid | {"zorder": 5})))
+
+
+def as_is(points: np.ndarray) -> np.ndarray:
+    """The picture in the coordinates of the finger."""
+    return points
+
+
+@paints(FingerScene, "along the finger, x (mm)", vertical="y (mm)")
+def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
+    scene: Any = solution.scene
+    (ax,) = axes
+    finger, line = scene.finger, line_of(solution)
+    angle = float(scene.clamp())
+    paint_finger(ax, finger, straight(finger, angle), as_is, bare=True)
+    paint_finger(ax, finger, line, as_is)
+    _paint_clamp(ax, finger, angle)
+    if isinstance(scene, HeldTip):
+        _paint_force(ax, np.array([line["x"][-1], line["y"][-1]]), np.array([0.0, -1.0]), float(solution.tip_force))
+    ax.autoscale_view()
+
+
+def _paint_clamp(ax: Axes, finger: PneuNet, angle: float) -> None:
+    """A hatched wall behind the finger, and its face."""
+    foot, top = -0.5 * float(finger.H) / mm - 4, max(place[2] for place in chamber_places(finger)) + 6.5
+    along, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    corners = [foot * normal, top * normal, top * normal - 4 * along, foot * normal - 4 * along]
+    ax.add_patch(Polygon(corners, closed=True, facecolor="none", edgecolor=BODY, hatch="/////", linewidth=0, zorder=2))
+    ax.plot(*np.array(corners[:2]).T, color=BODY, linewidth=1.5, zorder=6)
+
+
+def _paint_force(ax: Axes, at: np.ndarray, direction: np.ndarray, force: float, label: bool = True) -> None:
+    """A force at a point: an arrow that ends or starts there, with its value."""
+    ahead = direction * (ARROW if force >= 0 else -ARROW)
+    arrow = {"arrowstyle": "-|>", "color": VERMILION, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
+    ax.annotate("", at + ahead, at, arrowprops=arrow, zorder=8)
+    ax.plot(*at, "o", color=VERMILION, markeredgecolor="white", markeredgewidth=0.6, markersize=5, zorder=9)
+    end = at + 1.15 * ahead
+    ax.plot(*end, alpha=0)  # the arrow's end counts for the limits of the axes
+    if label:
+        down = ahead[1] < 0
+        ax.text(*end, f"{abs(force):.3g} N", color=VERMILION, ha="center", va="top" if down else "bottom", zorder=9)
+        ax.plot(*(end + np.array([0.0, -6.0 if down else 6.0])), alpha=0)
+
+
+# --- grippers ---------------------------------------------------------------------------------------------------------
+
+
+@paints(Grasp, "distance from the axis (mm)", vertical="height (mm)")
+def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
+    """Two fingers of the gripper, turned into one plane where none is opposite, and the object between them."""
+    scene: Any = solution.scene
+    (ax,) = axes
+    finger, line = scene.finger, line_of(solution)
+    base = float(scene.gripper.base_radius) / mm
+    tip = np.array([line["x"][-1], line["y"][-1]])
+    outline = np.array(object_outline(scene, tip))
+    both = np.concatenate([outline, outline[::-1] * [-1, 1]])
+    ax.add_patch(Polygon(both, closed=True, facecolor=OBJECT_FACE, edgecolor=OBJECT_EDGE, linewidth=1.0, zorder=0))
+    ax.plot([0, 0], [6, both[:, 1].min() - 4], color=OBJECT_EDGE, linewidth=0.7, linestyle=(0, (8, 2, 1, 2)), zorder=2)
+    for side in (1, -1):
+
+        def place(points: np.ndarray, side=side) -> np.ndarray:
+            return np.stack([side * (base + points[:, 1]), -points[:, 0]], axis=-1)
+
+        paint_finger(ax, finger, straight(finger, 0.0), place, bare=True)
+        paint_finger(ax, finger, line, place)
+        at = place(tip[None])[0]
+        _paint_force(ax, at, np.array([-side, 0.0]), float(solution.tip_force), label=False)
+    ax.text(
+        0,
+        -tip[0] - 4,
+        f"{float(solution.tip_force):.3g} N each",
+        color=VERMILION,
+        ha="center",
+        va="top",
+        zorder=9,
+        bbox={"facecolor": OBJECT_FACE, "edgecolor": "none", "pad": 1},
+    )
+    reach = base + 0.5 * float(finger.H) / mm + max(place[2] for place in chamber_places(finger)) + 3
+    ax.add_patch(Rectangle((-reach, 0), 2 * reach, 6, facecolor=BODY, edgecolor="none", zorder=6))
+    ax.autoscale_view()
+
+
+def object_outline(scene: Any, tip: np.ndarray) -> list[tuple[float, float]]:
+    """(radius, height) from top to bottom of the object's face, mm; the tips touch it where they are.
+
+    The height of a cylinder is no part of the model: it is drawn one diameter high.
+    """
+    held, radius = scene.object, float(scene.gripper.base_radius) / mm + tip[1]
+    if isinstance(held, Taper):
+        wide, high = float(held.base_radius()) / mm, float(held.height) / mm
+        foot = -tip[0] - high * (1 - radius / wide)
+        return [(0.0, foot + high), (wide, foot), (0.0, foot)]
+    return [(0.0, -tip[0] + radius), (radius, -tip[0] + radius), (radius, -tip[0] - radius), (0.0, -tip[0] - radius)]
+
+
+def _faces_of_finger(finger: PneuNet, line: Line, base: float, around: float) -> list[tuple[np.ndarray, str]]:
+    """(corners in space, colour) of the cover in short pieces and of every chamber."""
+    half = 0.5 * float(finger.B) / mm
+    outward, sideways = np.array([np.cos(around), np.sin(around), 0.0]), np.array([-np.sin(around), np.cos(around), 0])
+
+    def prism(section: np.ndarray, half: float, colour: str) -> list[tuple[np.ndarray, str]]:
+        middle = (base + section[:, 1])[:, None] * outward - section[:, :1] * np.array([0.0, 0.0, 1.0])
+        left, right = middle - half * sideways, middle + half * sideways
+        count = len(section)
+        sides = [np.array([left[k], left[(k + 1) % count], right[(k + 1) % count], right[k]]) for k in range(count)]
+        return [(side, colour) for side in [*sides, left, right]]
+
+    faces = []
+    cover = band(line, float(finger.H) / mm)
+    outer, inner = cover[:POINTS], cover[POINTS:][::-1]
+    for k in range(0, POINTS - 1, 10):
+        faces += prism(np.array([outer[k], outer[k + 10], inner[k + 10], inner[k]]), half, BLUE)
+    width = np.max(np.asarray(finger.b)) / mm
+    for first, last, height, _ in chamber_places(finger):
+        faces += prism(box(line, finger, first, last, 0.0, height), width, PALE)
+    return faces
+
+
+def _faces_of_object(scene: Any, outline: list[tuple[float, float]]) -> list[tuple[np.ndarray, str]]:
+    """Strips around the axis between the rings of the outline; finger 0 touches the middle of a flat face."""
+    corners = {HexagonalCylinder: 6, ThreeFaceCone: 3}.get(type(scene.object), 48)
+    swell = 1 / np.cos(np.pi / corners)
+    angles = (np.arange(corners + 1) + 0.5) * 2 * np.pi / corners
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * swell
+    faces = []
+    for (r0, z0), (r1, z1) in zip(outline[:-1], outline[1:], strict=True):
+        steps = np.linspace(0, 1, 9)
+        for low, high in zip(steps[:-1], steps[1:], strict=True):
+            levels = [(r0 + (r1 - r0) * t, z0 + (z1 - z0) * t) for t in (low, high)]
+            upper, lower = (np.column_stack([r * ring, np.full(corners + 1, z)]) for r, z in levels)
+            faces += [(np.array([upper[k], upper[k + 1], lower[k + 1], lower[k]]), OBJECT_FACE) for k in range(corners)]
+    return faces
+
+
+def _shaded(corners: np.ndarray, colour: str) -> np.ndarray:
+    """The colour, darker the more a face turns away from the light."""
+    normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+    size = np.linalg.norm(normal)
+    facing = abs(normal @ LIGHT) / size if size > 0 else 1.0
+    return np.array(to_rgb(colour)) * (0.62 + 0.38 * facing)
+
+
+@composes(Grasp)
+def _compose_grasp(solution: Solution) -> Figure:
+    """The section, and all fingers around the object in space."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    scene: Any = solution.scene
+    line = line_of(solution)
+    figure = Figure(figsize=(WIDTH, 0.62 * WIDTH))
+    flat = figure.add_subplot(1, 2, 1)
+    space: Any = figure.add_subplot(1, 2, 2, projection="3d")
+    _paint_section(solution, [flat])
+    flat.set_aspect("equal")
+    flat.set_xlabel("distance from the axis (mm)")
+    flat.set_ylabel("height (mm)")
+    flat.set_title(pressure_text(solution), loc="left", fontweight="bold")
+
+    base, tip = float(scene.gripper.base_radius) / mm, np.array([line["x"][-1], line["y"][-1]])
+    faces = _faces_of_object(scene, object_outline(scene, tip))
+    for k in range(scene.gripper.n):
+        faces += _faces_of_finger(scene.finger, line, base, 2 * np.pi * k / scene.gripper.n)
+    colours = [_shaded(corners, colour) for corners, colour in faces]
+    space.add_collection3d(
+        Poly3DCollection([corners for corners, _ in faces], facecolors=colours, edgecolors=colours, linewidths=0.3)
+    )
+    points = np.concatenate([corners for corners, _ in faces])
+    low, high = points.min(axis=0), points.max(axis=0)
+    space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    space.set_box_aspect(high - low, zoom=1.15)
+    space.view_init(elev=-14, azim=65)
+    space.set_axis_off()
+    return figure
