@@ -15,7 +15,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import admissible
-from .numerics.paths import FOLD, REACHED, Goal, fold_border, fold_value, follow, trace
+from .numerics.paths import FOLD, REACHED, Goal, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
 from .scene import Found, Scene, frozen
@@ -119,18 +119,11 @@ class PathScene(Scene):
         ok = found.status == Status.OK
         scene = gate(ok, self)
 
-        def equations(scene, scale):
-            return lambda u: scene.residual(u[:-1], u[-1] * scale)
+        def equations(u, args):
+            scene, scale = args
+            return scene.residual(u[:-1], u[-1] * scale)
 
-        point = jnp.append(found.unknowns, found.pressure / scale)
-        border = fold_border(equations(frozen(self), scale), point)
-
-        def at_fold(u, args):
-            scene, scale, border = args
-            there = equations(scene, scale)
-            return jnp.append(there(u), fold_value(there, u, border))
-
-        fold = implicit(at_fold, point, (scene, scale, border))[-1] * scale
+        fold = fold_load(equations, jnp.append(found.unknowns, found.pressure / scale), (scene, scale)) * scale
         end = scene.pressure_span().end
         return jnp.where(ok, jnp.where(found.iterations == 1, fold, end), jnp.nan)
 

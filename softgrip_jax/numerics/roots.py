@@ -110,10 +110,23 @@ def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: A
     def root_jvp(primals, tangents):
         y, args = primals
         y = root(y, args)  # differentiable again: second and higher derivatives
-        _, along_args = jax.jvp(lambda a: residual(y, a), (args,), (tangents[1],))
-        if y.ndim == 0:
+
+        def jacobian(y):
+            if y.ndim:
+                return jax.jacfwd(residual)(y, args)
             _, slope = jax.jvp(lambda x: residual(x, args), (y,), (jnp.ones_like(y),))
-            return y, jnp.where(slope == 0, 0.0, -along_args / jnp.where(slope == 0, 1.0, slope))
-        return y, -solve_small(jax.jacfwd(residual)(y, args), along_args)
+            return slope
+
+        def move(jacobian, value):
+            if y.ndim:
+                return solve_small(jacobian, value)
+            return jnp.where(jacobian == 0, 0.0, value / jnp.where(jacobian == 0, 1.0, jacobian))
+
+        # Inside a scan that is differentiated in reverse JAX drops the rule of the line above (its partial evaluation
+        # there keeps custom rules only of known arguments; seen in 0.10.1), and what is left of `root` is a constant.
+        # This step moves y by nothing, but its derivative is dy with the rule or without it.
+        y = y - move(lax.stop_gradient(jacobian(y)), residual(y, args))
+        _, along_args = jax.jvp(lambda a: residual(y, a), (args,), (tangents[1],))
+        return y, -move(jacobian(y), along_args)
 
     return root(lax.stop_gradient(y), args)
