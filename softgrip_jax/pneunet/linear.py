@@ -1,0 +1,64 @@
+"""The cheapest rung: a linear finger of constant curvature (the Euler-Bernoulli models of thesis table 1.1)."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from .chamber import PLATE_END, SmallStrainChamber
+from .finger import SEGMENT_FIELDS
+
+
+class Linear(SmallStrainChamber):
+    """A finger with small-strain chambers on a linear beam: free bending and blocked force, both explicit.
+
+    EI = mu B H^3 / 3 (plane strain, E/(1 - nu^2) = 4 mu); phi = tip_angle = M_T L / EI; the tip of the free finger lies
+    on a circle, x = L sin(phi) / phi, y = -L (1 - cos(phi)) / phi; held at y = 0 it presses with tip_force = 3 M_T /
+    (2 L), the prop of a cantilever under an end moment. M_T: see `SmallStrainChamber`; below contact it is zero and the finger is
+    straight, and it steps up at contact, so no pressure gives a value inside that step.
+
+    No limit, no weight, no offset: within a few percent of `TipContact` up to about a third of its limit moment.
+    Needs a uniform finger: ValueError for one with segments.
+    """
+
+    OBSERVABLES: ClassVar[dict[str, str]] = {
+        "tip": "position",
+        "tip_angle": "angle",
+        "tip_force": "force",
+        "end_moment": "moment",
+    }
+    CONTACT: ClassVar[bool] = False
+
+    def __check_init__(self) -> None:
+        if self.finger.segments is not None:
+            raise ValueError(
+                f"Linear.finger has {self.finger.segments} segments ({', '.join(SEGMENT_FIELDS)} as arrays); a finger "
+                "of constant curvature is uniform."
+            )
+
+    def interval(self):
+        start = jnp.zeros_like(self.finger.a)
+        return start, start + PLATE_END
+
+    def observe(self, angle, pressure):
+        f = self.finger
+        touching = angle > super().interval()[0]
+        moment = jnp.where(touching, super().observe(angle, pressure)["end_moment"], 0.0)
+        turn = 3 * moment * f.L / (f.moment_scale() * f.H)
+        half = 0.5 * turn
+        chord = f.L * jnp.sinc(half / jnp.pi)  # of the circular arc, at half the angle
+        return {
+            "tip": jnp.stack([chord * jnp.cos(half), -chord * jnp.sin(half)]),
+            "tip_angle": turn,
+            "tip_force": 1.5 * moment / f.L,
+            "end_moment": moment,
+        }
+
+    def profile(self, unknowns, pressure, n):
+        """X, x, y (m), theta (rad) and stretch of the free finger."""
+        turn = self.observe(unknowns, pressure)["tip_angle"] * jnp.linspace(0.0, 1.0, n)
+        X = self.finger.L * jnp.linspace(0.0, 1.0, n)
+        chord = X * jnp.sinc(0.5 * turn / jnp.pi)
+        x, y = chord * jnp.cos(0.5 * turn), -chord * jnp.sin(0.5 * turn)
+        return {"X": X, "x": x, "y": y, "theta": -turn, "stretch": jnp.ones_like(X)}
