@@ -15,8 +15,8 @@ class Linear(SmallStrainChamber):
 
     EI = mu B H^3 / 3 (plane strain, E/(1 - nu^2) = 4 mu); phi = tip_angle = M_T L / EI; the tip of the free finger lies
     on a circle, x = L sin(phi) / phi, y = -L (1 - cos(phi)) / phi; held at y = 0 it presses with tip_force = 3 M_T /
-    (2 L), the prop of a cantilever under an end moment. M_T: see `SmallStrainChamber`; below contact it is zero and the finger is
-    straight, and it steps up at contact, so no pressure gives a value inside that step.
+    (2 L), the prop of a cantilever under an end moment. M_T: see `SmallStrainChamber`; below contact it is zero and
+    the finger is straight. It steps up at contact, so no pressure gives a value inside that step.
 
     No limit, no weight, no offset: within a few percent of `TipContact` up to about a third of its limit moment.
     Needs a uniform finger: ValueError for one with segments.
