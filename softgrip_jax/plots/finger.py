@@ -8,6 +8,7 @@ middle line, so an object is drawn up to that line and not to the corner of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -229,9 +230,9 @@ def _faces_of_object(scene: Any, outline: list[tuple[float, float]]) -> list[tup
     angles = (np.arange(corners + 1) + 0.5) * 2 * np.pi / corners
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * swell
     faces = []
-    for (r0, z0), (r1, z1) in zip(outline[:-1], outline[1:], strict=True):
+    for (r0, z0), (r1, z1) in pairwise(outline):
         steps = np.linspace(0, 1, 9)
-        for low, high in zip(steps[:-1], steps[1:], strict=True):
+        for low, high in pairwise(steps):
             levels = [(r0 + (r1 - r0) * t, z0 + (z1 - z0) * t) for t in (low, high)]
             upper, lower = (np.column_stack([r * ring, np.full(corners + 1, z)]) for r, z in levels)
             faces += [(np.array([upper[k], upper[k + 1], lower[k + 1], lower[k]]), OBJECT_FACE) for k in range(corners)]
