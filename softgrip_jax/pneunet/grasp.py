@@ -42,8 +42,8 @@ class Gripper(Checked):
         radius = self.base_radius + y
         return jnp.stack(
             [
-                jnp.cos(around)[:, None] * radius,
-                jnp.sin(around)[:, None] * radius,
+                jnp.cos(around)[:, None] * radius[None],
+                jnp.sin(around)[:, None] * radius[None],
                 jnp.broadcast_to(x, (self.n, x.shape[0])),
             ],
             axis=-1,
