@@ -31,7 +31,7 @@ def runge_kutta_step(
 
     The stages are a loop, not unrolled: a field compiled 12 times over (and again for each derivative) takes minutes.
     """
-    tableau = solver.tableau
+    tableau: Any = solver.tableau  # of one method, never a pair of them
     stages = int(np.max(np.flatnonzero(tableau.b_sol))) + 1  # later stages only estimate the error
     weights = np.zeros((stages, stages))
     for i in range(1, stages):

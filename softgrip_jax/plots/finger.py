@@ -144,7 +144,15 @@ def _paint_force(ax: Axes, at: np.ndarray, direction: np.ndarray, force: float, 
     ax.plot(*end, alpha=0)  # the arrow's end counts for the limits of the axes
     if label:
         down = ahead[1] < 0
-        ax.text(*end, f"{abs(force):.3g} N", color=VERMILION, ha="center", va="top" if down else "bottom", zorder=9)
+        ax.text(
+            end[0],
+            end[1],
+            f"{abs(force):.3g} N",
+            color=VERMILION,
+            ha="center",
+            va="top" if down else "bottom",
+            zorder=9,
+        )
         ax.plot(*(end + np.array([0.0, -6.0 if down else 6.0])), alpha=0)
 
 
