@@ -94,12 +94,18 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
     return jnp.linalg.solve(matrix, right)
 
 
-def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: Any) -> Float[Array, "*n"]:
+def implicit(
+    residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: Any, in_scan: bool = False
+) -> Float[Array, "*n"]:
     """`y`, which solves residual(y, args) = 0, with its derivative by `args`: dy = -(dr/dy)^-1 (dr/dargs) dargs.
 
     `y` is a scalar or a vector and the residual has its shape; `args` is any pytree of arrays. Where dr/dy is
     singular (a limit point) the derivative does not exist; a scalar root is then given derivative zero.
     `residual` must take every traced value through `args`: one that it closes over would outlive its trace.
+
+    in_scan: True for a root inside a `lax.scan`. Where a scan is differentiated in reverse JAX drops custom rules from
+    what it keeps for the next derivative (its partial evaluation keeps those of known arguments only; seen in 0.10.1),
+    and that one would be wrong without a word. One more Newton step in the rule, of length zero, then carries it.
     """
 
     @jax.custom_jvp
@@ -111,7 +117,7 @@ def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: A
         y, args = primals
         y = root(y, args)  # differentiable again: second and higher derivatives
 
-        def jacobian(y):
+        def jacobian(y, args):
             if y.ndim:
                 return jax.jacfwd(residual)(y, args)
             _, slope = jax.jvp(lambda x: residual(x, args), (y,), (jnp.ones_like(y),))
@@ -122,11 +128,9 @@ def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: A
                 return solve_small(jacobian, value)
             return jnp.where(jacobian == 0, 0.0, value / jnp.where(jacobian == 0, 1.0, jacobian))
 
-        # Inside a scan that is differentiated in reverse JAX drops the rule of the line above (its partial evaluation
-        # there keeps custom rules only of known arguments; seen in 0.10.1), and what is left of `root` is a constant.
-        # This step moves y by nothing, but its derivative is dy with the rule or without it.
-        y = y - move(lax.stop_gradient(jacobian(y)), residual(y, args))
+        if in_scan:
+            y = y - move(jacobian(*lax.stop_gradient((y, args))), residual(y, args))
         _, along_args = jax.jvp(lambda a: residual(y, a), (args,), (tangents[1],))
-        return y, -move(jacobian(y), along_args)
+        return y, -move(jacobian(y, args), along_args)
 
     return root(lax.stop_gradient(y), args)

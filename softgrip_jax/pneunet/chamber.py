@@ -261,7 +261,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         angle, touching = found.unknowns, found.status == Status.OK
         inside = touching | (found.status == Status.NO_CONTACT)
     scene, pressure = gate(touching, (scene, pressure))
-    angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
+    angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure), in_scan=True)
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
 

@@ -193,7 +193,7 @@ class FingerScene(PathScene):
             # The walls push less the more they incline, so the turn without inclination is an upper bound.
             high = -mismatch(low, fixed)
             root = bracketed_root(lambda angle: mismatch(angle, fixed), low, jnp.maximum(high, low))
-            inclination = jnp.where(high > 0, implicit(mismatch, root.x, args), 0.0)
+            inclination = jnp.where(high > 0, implicit(mismatch, root.x, args, in_scan=True), 0.0)
             return -self.push(part.chamber, pressure, inclination)
 
         return coupled

@@ -222,7 +222,7 @@ class Thesis(SectionLaw):
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)
         found = _rising_root(m, n)
-        stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n))
+        stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n), in_scan=True)
         return 3 * m * stretch**7, stretch
 
     def loads(self, z, stretch):
@@ -303,7 +303,7 @@ class ExactQuadrature(SectionLaw):
             law, wanted = args
             return jnp.stack(law.loads(y[0], y[1])) - wanted
 
-        state = implicit(residual, found, (self, wanted))
+        state = implicit(residual, found, (self, wanted), in_scan=True)
         return state[0], state[1]
 
 
