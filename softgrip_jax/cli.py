@@ -86,7 +86,7 @@ def solve(
     if as_json:
         typer.echo(json.dumps(as_data(solution), indent=2, allow_nan=False))
     else:
-        report(solution, Console())
+        report(solution, Console(), "pressure" in asked)
     if int(solution.status) != 0:
         if plot is not None:
             print("No picture: there is no state to draw.", file=sys.stderr)
@@ -139,10 +139,11 @@ def _plain(value: Any) -> Any:
     return float(array) if np.isfinite(array) else None
 
 
-def report(solution: Solution, console: Console) -> None:
-    """The state as a table for people."""
+def report(solution: Solution, console: Console, given_pressure: bool = True) -> None:
+    """The state as a table for people; at a given pressure with what a gripper could hold at most."""
     from rich.table import Table
 
+    from . import pneunet
     from .config import type_name
     from .results import Status, in_units
     from .scene import limit_pressure
@@ -153,6 +154,10 @@ def report(solution: Solution, console: Console) -> None:
     for name, value in solution.rows():
         good = int(solution.status) == Status.OK
         table.add_row(name, value, style="bold" if name == "status" and not good else None)
+    scene = solution.scene
+    if given_pressure and isinstance(scene, pneunet.Grasp) and int(solution.status) == Status.OK:
+        heaviest = pneunet.largest_mass(scene, solution.pressure)
+        table.add_row("largest mass", in_units(heaviest, "mass"))
     if int(solution.status) == Status.BEYOND_LIMIT:
         table.add_row("limit pressure", in_units(limit_pressure(solution.scene), "pressure"))
     console.print(table)

@@ -143,3 +143,28 @@ def test_a_scene_of_another_kind_brings_its_own_painter(solved):
     solution = sg.solve(Marked(shell()), 12 * kPa)
     assert [line.get_label() for line in plots.draw(solution).axes[0].lines] == ["mine"]
     assert len(plots.draw(solved["free"]).axes) == 2
+
+
+def test_chambers_stand_where_they_belong():
+    """Type A: 12.8 pitches of 6 mm, the first chamber from 0.9 to 5.1 mm, the last one cut by the end at 77 mm."""
+    places = plots.finger.chamber_places(sg.PneuNet.table_5_1("A"))
+    assert len(places) == 13
+    np.testing.assert_allclose(places[0], (0.9, 5.1, 10.0, 1.1))
+    np.testing.assert_allclose(places[-1], (72.9, 77.0, 10.0, 1.1))
+
+
+def test_the_finger_is_drawn_where_it_is():
+    """A free finger without weight is an arc of the angle that it reports; its cover ends there, H thick."""
+    finger = sg.PneuNet.table_5_1("A")
+    solution = sg.solve(sg.pneunet.Free(finger, weight=None, inclination="none"), 25 * kPa)
+    figure = plots.draw(solution)
+    (ax,) = figure.axes
+    cover = max((p for p in ax.patches if isinstance(p, Polygon) and p.get_fill()), key=lambda p: len(p.get_xy()))
+    corners = cover.get_xy()
+    outer, inner = corners[len(corners) // 2 - 1], corners[len(corners) // 2]
+    np.testing.assert_allclose(0.5 * (outer + inner), np.asarray(solution.tip) / mm, rtol=1e-9)
+    assert np.hypot(*(outer - inner)) == pytest.approx(5.0)
+    angle = float(solution.tip_angle)
+    np.testing.assert_allclose((outer - inner) / 5, [np.sin(angle), np.cos(angle)], atol=1e-9)
+    figure.draw_without_rendering()
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("along the finger, x (mm)", "y (mm)")
