@@ -343,7 +343,7 @@ def fold_load(residual: Callable[[Vector, Any], Vector], u: Vector, args: Any) -
     return load(lax.stop_gradient(u), args)
 
 
-def trace(residual: Residual, u: Vector, step: float, n: int) -> tuple[Float[Array, "n m"], Bool[Array, " n"]]:
+def trace(residual: Residual, u: Vector, step: float, n: int) -> tuple[Float[Array, "k m"], Bool[Array, " k"]]:
     """n points of the path from u at equal arc lengths, through any limit point; and which are trusted."""
     zero = jnp.zeros((), u.dtype)
     start, _ = correct(residual, Point(u, jnp.zeros_like(u).at[-1].set(1.0)), u)
