@@ -200,6 +200,14 @@ def run(arguments: Sequence[str]) -> int:
     return MISTAKE
 
 
+def _keep_compiled_programs() -> None:
+    """Let JAX keep what it compiles, so that the second run of a command does not compile again."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+
+
 def main() -> NoReturn:
     """Entry point of the console script."""
+    _keep_compiled_programs()
     sys.exit(run(sys.argv[1:]))

@@ -95,7 +95,7 @@ class Scene(Checked):
         return jnp.asarray(True)
 
     def settled(self, found: Found) -> Found:
-        """`found` with its residual, relabelled NOT_CONVERGED where that is not small: done before it gates anything."""
+        """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
         found = frozen(found)
         own = jnp.max(jnp.abs(jnp.atleast_1d(frozen(self).residual(found.unknowns, found.pressure))))
         residual = jnp.maximum(own, jnp.abs(found.mismatch))

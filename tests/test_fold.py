@@ -145,8 +145,9 @@ def test_branch_shows_the_fold_and_what_is_behind_it():
         assert np.all(good[:length]), case  # no gaps
         pressure, angle = pressure[:length], angle[:length]
         assert np.all(points.residual[i][:length] < 1e-12)
-        assert np.all(np.diff(angle) > -1e-9), case
         top = np.argmax(pressure)
+        # The tip turns on through the fold (much further behind it, past half a circle, the finger curls up instead).
+        assert np.all(np.diff(angle[: top + 20]) > -1e-9), case
         assert 20 < top < length - 20, case
         assert np.all(np.diff(pressure[: top + 1]) > -1e-12), case
         assert np.all(np.diff(pressure[top:])[:20] < 0), case

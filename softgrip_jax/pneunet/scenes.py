@@ -77,7 +77,9 @@ class TipContact(HeldTip):
         tip_pull: H_ext, force on the tip along +x, N.
         weight: (g_x, g_y), N/m; None or (0, 0) for none.
         section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
-        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto".
+        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto": chosen from the loads where
+            they are known numbers. Under vmap or jit of the loads "auto" is single, and strong tension then comes back
+            as NOT_CONVERGED: pass "multiple" there.
 
     tip_force is Lambda: positive when the tip pushes towards -y.
     """

@@ -139,4 +139,3 @@ class InclinedContact(ShellScene):
         bent = -1 / wall.radius
         x, z = arc_chain(arcs, jnp.stack([bent, jnp.zeros_like(bent), bent]), angle - self.angle, n)
         return {"x": x - self.shell.a, "z": z}
-
