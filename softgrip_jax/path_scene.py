@@ -178,5 +178,5 @@ class PathScene(Scene):
         return jax.vmap(report)(points, trusted)
 
 
-BRANCH_LENGTH = 25.0
+BRANCH_LENGTH = 40.0
 """Arc length of a drawn branch in scaled units: through the fold and down to where the finger curls up."""
