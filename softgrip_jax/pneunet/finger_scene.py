@@ -117,12 +117,12 @@ class FingerScene(PathScene):
         zero = jnp.zeros_like(unknowns[0])
         unit = cover.slenderness / 3
         start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero)
-        active = self.active_moment(pressure, steps)
+        active, pushed = self.active_moment(parts, pressure, steps)
         if unknowns.shape[0] == 1:
-            return Bent(cover, parts, start, shoot(cover, start, parts, active, steps, None), unknowns[1:])
+            return Bent(cover, parts, start, shoot(cover, start, pushed, active, steps, None), unknowns[1:])
         theta, moment = unknowns[1:].reshape(2, -1)
         zeros = jnp.zeros_like(theta)
-        shot = shoot(cover, start, parts, active, steps, State(theta, moment * unit, zeros, zeros))
+        shot = shoot(cover, start, pushed, active, steps, State(theta, moment * unit, zeros, zeros))
         gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
         # Nothing depends on x and y along the way: parts that began at the origin are moved to where the last ended.
         x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
@@ -175,10 +175,14 @@ class FingerScene(PathScene):
         finger = self.with_chamber(chamber)
         return end_moment(finger, pressure, inclination) / finger.moment_scale()
 
-    def active_moment(self, pressure: Scalar, steps: int):
-        """The signed active moment of a part, with its inclination solved for where it is coupled."""
+    def active_moment(self, parts: Part, pressure: Scalar, steps: int):
+        """(the signed active moment of a part, the parts with what it needs); inclinations are solved for if coupled.
+
+        Moments that do not depend on the beam are found before its integration: once, and outside of its loops.
+        """
         if self.inclination == "none":
-            return lambda cover, state, part: -self.push(part.chamber, pressure, jnp.zeros_like(pressure))
+            moments = jax.vmap(lambda chamber: -self.push(chamber, pressure, jnp.zeros_like(pressure)))(parts.chamber)
+            return lambda cover, state, part: part.chamber, parts._replace(chamber=moments)
 
         def mismatch(inclination, args):
             scene, pressure, cover, state, part = args
@@ -196,7 +200,7 @@ class FingerScene(PathScene):
             inclination = jnp.where(high > 0, implicit(mismatch, root.x, args, in_scan=True), 0.0)
             return -self.push(part.chamber, pressure, inclination)
 
-        return coupled
+        return coupled, parts
 
     def pressure_span(self):
         finger = self.finger
