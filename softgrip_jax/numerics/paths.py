@@ -66,7 +66,7 @@ class Corrected(NamedTuple):
     converged: Bool[Array, ""]
 
 
-def value_and_jacobian(function: Residual, u: Vector) -> tuple[Vector, Float[Array, "m n"]]:
+def value_and_jacobian(function: Residual, u: Vector) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
     """function(u) and its Jacobian, with the function's own work done once."""
     return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
