@@ -1,13 +1,6 @@
-"""What is wanted of the solutions: quantities, goals and limits, all scaled to pure numbers.
+"""What is wanted of the solutions: goals and limits on quantities, all scaled to pure numbers.
 
-A quantity is an observable of one scene in one state. A state is named by what is asked of the library:
-
-    at=31e3               sg.solve(scene, 31e3): at that pressure, Pa
-    at="required"         sg.pressure_for(scene): at the pressure that the scene's own task needs
-    at=("force", 2.0)     sg.pressure_for(scene, force=2.0)
-
-Besides the scene's own observables each state has "pressure" and "limit_margin" (limit pressure over pressure), and
-each scene, without a state, "limit_pressure".
+Quantities and the states that they are asked in: see `softgrip_jax.quantities`.
 
 A design without equilibrium has no observables. It has a shortfall instead: a positive pure number, differentiable,
 that says how far the design is from an equilibrium, so that a search can climb back (see `_shortfall`).
@@ -26,42 +19,17 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.results import Solution, Status, in_units
+from softgrip_jax.quantities import Asked, Quantity, State, named
+from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 
-from .variables import Scenes, Space
+from .variables import Space
 
 Scalar = Float[Array, ""]
-State = float | str | tuple[str, float] | None
-
-REQUIRED = "required"
-LIMIT_PRESSURE = "limit_pressure"
-LIMIT_MARGIN = "limit_margin"
 
 NEAR_LIMIT = 0.95
 """Where a task is out of reach, what the scene can do is judged at this part of its limit pressure: at the limit itself
 the derivatives are infinite. It also makes the shortfall jump above zero, so that it pushes up to the last step."""
-
-NO_LIMIT_MARGIN = 1e6
-"""`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Quantity:
-    """An observable of `scene` (may be left out where there is one scene) in a state `at` (see above)."""
-
-    observable: str
-    at: State = None
-    scene: str = ""
-
-    def label(self, with_scene: bool = True) -> str:
-        """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
-        name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
-        if self.at is None:
-            return name
-        if isinstance(self.at, tuple):
-            return f"{name} at {self.at[0]} {self.at[1]:g}"
-        return f"{name} at {self.at if isinstance(self.at, str) else in_units(self.at, 'pressure')}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,36 +117,30 @@ class Problem:
         if not goals:
             raise ValueError("There is no goal; say what to minimise, maximise or reach.")
         self.space, scenes = space, space.scenes
-        self.goals = tuple(dataclasses.replace(g, quantity=_named(g.quantity, scenes)) for g in goals)
-        self.limits = tuple(dataclasses.replace(c, quantity=_named(c.quantity, scenes)) for c in limits)
-        self.quantities = list(dict.fromkeys(item.quantity for item in (*self.goals, *self.limits)))
-        self.kinds = [_kind(q, scenes) for q in self.quantities]
-        self.states = list(dict.fromkeys((q.scene, q.at) for q in self.quantities))
+        self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
+        self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
+        self.asked = Asked(scenes, [item.quantity for item in (*self.goals, *self.limits)])
+        self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every one-sided constraint, in the order of the violations."""
 
     def measure(self, t: Float[Array, " n"]) -> Measured:
         """The design at unit values t: every quantity that any goal or limit needs, each state solved once."""
         scenes = self.space.scenes_at(self.space.from_unit(t))
-        limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(name for name, _ in self.states)}
-        values: list[Any] = [None] * len(self.quantities)
-        statuses, shortfalls = [], []
-        for name, at in self.states:
-            scene, limit = scenes[name], limits[name]
-            solution = None if at is None else solution_at(scene, at)
-            status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE) if solution is None else solution.status
-            statuses.append(status)
-            shortfalls.append(_shortfall(scene, at, status, limit))
-            for k, quantity in enumerate(self.quantities):
-                if (quantity.scene, quantity.at) == (name, at):
-                    values[k] = jnp.where(status == Status.OK, _value(quantity.observable, solution, limit), jnp.nan)
+        states = self.asked.states
+        limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(name for name, _ in states)}
+        values, statuses = self.asked.measure(scenes, limits)
+        shortfalls = [
+            _shortfall(scenes[name], at, status, limits[name])
+            for (name, at), status in zip(states, statuses, strict=True)
+        ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by: the way back is
         # towards the starting design.
         home = self.space.inside(self.space.to_unit(self.space.reference))
         lost = 1 + jnp.mean((t - home) ** 2)
-        good, missing = jnp.stack(statuses) == Status.OK, jnp.stack(shortfalls)
+        good, missing = statuses == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
-        return Measured(jnp.stack(values), jnp.sum(missing), jnp.stack(statuses))
+        return Measured(values, jnp.sum(missing), statuses)
 
     @cached_property
     def compiled(self) -> Any:
@@ -242,23 +204,6 @@ class Problem:
         return labels
 
 
-def solution_at(scene: Scene, at: State) -> Solution:
-    """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
-    if isinstance(at, tuple):
-        return sg.pressure_for(scene, **{at[0]: at[1]})
-    return sg.pressure_for(scene) if at == REQUIRED else sg.solve(scene, at)
-
-
-def _value(observable: str, solution: Solution | None, limit: Scalar) -> Array:
-    if observable == LIMIT_PRESSURE:
-        return limit
-    assert solution is not None
-    if observable == LIMIT_MARGIN:
-        bounded = jnp.isfinite(limit)
-        return jnp.where(bounded, jnp.where(bounded, limit, 1.0) / solution.pressure, NO_LIMIT_MARGIN)
-    return solution.pressure if observable == "pressure" else solution.observables[observable]
-
-
 def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar) -> Scalar:
     """How far a state is beyond the limit of its scene, a pure number; NaN where the limit says nothing about it.
 
@@ -276,36 +221,3 @@ def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar) -> Scalar:
     near = sg.solve(scene, jnp.where(beyond, NEAR_LIMIT * safe, 0.0))
     reached = beyond & (near.status == Status.OK)
     return jnp.where(reached, 1 - jnp.where(reached, near.observables[name], 0.0) / target, jnp.nan)
-
-
-def _named(quantity: Quantity, scenes: Scenes) -> Quantity:
-    """The same with its scene and observable checked, and the scene filled in."""
-    if not quantity.scene and len(scenes) == 1:
-        quantity = dataclasses.replace(quantity, scene=next(iter(scenes)))
-    if quantity.scene not in scenes:
-        raise ValueError(
-            f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
-        )
-    _kind(quantity, scenes)
-    at = quantity.at
-    if isinstance(at, str) and at != REQUIRED:
-        raise ValueError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
-    return quantity
-
-
-def _kind(quantity: Quantity, scenes: Scenes) -> str:
-    """Kind of quantity (key of units.DISPLAY); a ValueError where the scene has no such observable in that state."""
-    name = quantity.observable
-    observables = type(scenes[quantity.scene]).OBSERVABLES
-    if quantity.at is None:
-        if name == LIMIT_PRESSURE:
-            return "pressure"
-        raise ValueError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
-    if name == "pressure":
-        return "pressure"
-    if name == LIMIT_MARGIN:
-        return "number"
-    if name not in observables:
-        known = ", ".join([*observables, "pressure", LIMIT_MARGIN])
-        raise ValueError(f"{type(scenes[quantity.scene]).__name__} has no observable {name!r}; it has: {known}.")
-    return observables[name]

@@ -28,12 +28,13 @@ from rich.table import Table
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
 from . import settings
-from .objectives import Problem, solution_at
+from .objectives import Problem
 from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
 
 RUNS = Path("runs")

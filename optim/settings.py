@@ -19,10 +19,11 @@ import pydantic
 
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.quantities import LIMIT_MARGIN, LIMIT_PRESSURE, REQUIRED, Quantity, State
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
-from .objectives import LIMIT_MARGIN, LIMIT_PRESSURE, REQUIRED, Goal, Limits, Problem, Quantity, State
+from .objectives import Goal, Limits, Problem
 from .search import OPTIMISERS
 from .variables import Space, Variable
 

@@ -18,6 +18,8 @@ ORDER = [
     "scene",
     "curve_scene",
     "path_scene",
+    "leaves",
+    "quantities",
     "objects",
     "shell",
     "pneunet",

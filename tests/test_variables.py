@@ -38,6 +38,13 @@ def test_tied_leaves_move_as_one():
     assert float(moved["free"].shell.a) == float(moved["flat"].shell.a) == 11 * mm
 
 
+def test_a_leaf_without_a_scene_is_that_of_every_scene_that_has_it():
+    space = Space(scenes(), [Variable("shell.a", 8 * mm, 24 * mm), Variable("distance", 1 * mm, 9 * mm)])
+    moved = space.scenes_at(jnp.array([11 * mm, 3 * mm]))
+    assert float(moved["free"].shell.a) == float(moved["flat"].shell.a) == 11 * mm
+    assert float(moved["flat"].distance) == 3 * mm
+
+
 def test_where_names_leaves_by_a_function():
     space = Space(
         scenes(), [Variable("both", 1 * mm, 3 * mm, where=lambda s: (s["free"].shell.t_m, s["flat"].shell.t_m))]
@@ -81,7 +88,7 @@ def test_maps_go_both_ways_and_log_is_a_ratio():
     ("variable", "sentence"),
     [
         (lambda: Variable("free.shell.c", 1.0, 2.0), "free.shell has no field 'c'; it has a, b, t_m, material"),
-        (lambda: Variable("shell.a", 1.0, 2.0), "names no scene; it must begin with free, flat"),
+        (lambda: Variable("shell.c", 1.0, 2.0), "is in no scene; name one of free, flat before it"),
         (lambda: Variable("free.shell", 1.0, 2.0), "must be a number that a scene holds"),
         (lambda: Variable("free.shell.a", 2.0, 1.0), "low must be below high"),
         (lambda: Variable("free.shell.a", 0.0, 1.0, "log"), "on a log scale it must be positive"),

@@ -1,0 +1,174 @@
+"""Which numbers of which scenes vary: from a vector to scenes, and the names of its entries.
+
+A search and a parameter study both move float leaves of scenes. They are named by a dotted path,
+
+    "shell.a"                               of the one scene, or of every scene that has it
+    "grasp.shell.a"                         of the scene called grasp
+    "grasp.gripper.finger.L = free.finger.L"    several that move as one: tied
+
+or found by a function from the dictionary of scenes. An array leaf has one entry per element.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .scene import Scene
+
+Scenes = Mapping[str, Scene]
+Getter = Callable[[Any], tuple[Any, ...]]
+
+SCALES = ("linear", "log")
+
+
+@runtime_checkable
+class Named(Protocol):
+    """What says which leaf is meant."""
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def where(self) -> Callable[[Any], Any] | None: ...
+    @property
+    def kind(self) -> str: ...
+
+
+@dataclasses.dataclass(frozen=True)
+class Leaf:
+    """A leaf by name (see above), or by a function `where`, whose kind of quantity must then be said for display."""
+
+    name: str
+    where: Callable[[Any], Any] | None = None
+    kind: str = ""
+
+
+class Leaves:
+    """Leaves of scenes as one vector of SI values."""
+
+    def __init__(self, scenes: Scenes, leaves: Sequence[Named]):
+        if not leaves:
+            raise ValueError("There is no variable; name at least one leaf to vary.")
+        self.scenes = dict(scenes)
+        self.names: list[str] = []
+        """One per entry of the vector."""
+        self.kinds: list[str] = []
+        self.sizes: list[int] = []
+        """Entries of each leaf."""
+        self._getters: list[Getter] = []
+        self._shapes: list[tuple[int, ...]] = []
+        reference: list[float] = []
+        for leaf in leaves:
+            getter, kind = self._getter(leaf)
+            found = getter(self.scenes)
+            for value in found:
+                if not eqx.is_inexact_array(value):
+                    raise ValueError(f"Variable {leaf.name!r} is {value!r}; it must be a number that a scene holds.")
+                if value.shape != found[0].shape:
+                    raise ValueError(f"The tied leaves of {leaf.name!r} have different shapes.")
+            values = np.asarray(found[0], dtype=float).ravel()
+            short = leaf.name.split("=")[0].strip()
+            names = [short] if found[0].ndim == 0 else [f"{short}[{i}]" for i in range(values.size)]
+            for name in names:
+                if name in self.names:
+                    raise ValueError(f"Variable {name!r} is given twice.")
+            self.names += names
+            self.kinds += [kind] * values.size
+            self.sizes.append(values.size)
+            self._getters.append(getter)
+            self._shapes.append(found[0].shape)
+            reference += values.tolist()
+        self.reference = np.array(reference)
+        """SI values of the scenes as they were given."""
+
+    @property
+    def size(self) -> int:
+        return len(self.names)
+
+    def scenes_at(self, x: Float[Array, " n"]) -> dict[str, Scene]:
+        """The scenes with the leaves at SI values x."""
+        start, replacements = 0, []
+        for getter, shape, size in zip(self._getters, self._shapes, self.sizes, strict=True):
+            value = jnp.reshape(x[start : start + size], shape)
+            replacements += [value] * len(getter(self.scenes))
+            start += size
+        return eqx.tree_at(lambda s: [leaf for g in self._getters for leaf in g(s)], self.scenes, replacements)
+
+    def _getter(self, leaf: Named) -> tuple[Getter, str]:
+        if leaf.where is not None:
+            where = leaf.where
+
+            def get(scenes):
+                found = where(scenes)
+                return tuple(found) if isinstance(found, tuple | list) else (found,)
+
+            return get, leaf.kind or "number"
+        paths = [path for part in leaf.name.split("=") for path in self._paths(part.strip(), leaf.name)]
+        kind = leaf.kind or _kind(self.scenes, paths[0])
+        return lambda scenes: tuple(_walk(scenes, path) for path in paths), kind
+
+    def _paths(self, name: str, whole: str) -> list[tuple[str, ...]]:
+        """Scene name and attribute names of a leaf; without a scene's name, of every scene that has it."""
+        path = tuple(name.split("."))
+        if path[0] in self.scenes:
+            candidates = [path]
+        else:
+            candidates = [(scene, *path) for scene in self.scenes]
+        faults = [self._fault(candidate, whole) for candidate in candidates]
+        found = [path for path, fault in zip(candidates, faults, strict=True) if not fault]
+        if not found:
+            if len(candidates) == 1:
+                raise ValueError(faults[0])
+            raise ValueError(f"Variable {whole!r} is in no scene; name one of {_list(self.scenes)} before it.")
+        return found
+
+    def _fault(self, path: tuple[str, ...], whole: str) -> str:
+        """A sentence where a path leads nowhere."""
+        node: Any = self.scenes[path[0]]
+        for i, part in enumerate(path[1:], start=1):
+            fields = [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
+            if part not in fields:
+                return f"Variable {whole!r}: {'.'.join(path[:i])} has no field {part!r}; it has {_list(fields)}."
+            node = getattr(node, part)
+        return ""
+
+
+def between(t: Any, low: Any, high: Any, is_log: Any, xp: Any = np) -> Any:
+    """Values from unit values t: low + t (high - low), or low (high / low)^t where `is_log`."""
+    ratio = np.where(is_log, np.asarray(high) / np.where(is_log, low, 1.0), 1.0)
+    return xp.where(is_log, low * xp.exp(t * np.log(ratio)), low + t * (np.asarray(high) - low))
+
+
+def require_range(name: str, low: float, high: float, scale: str) -> None:
+    """A ValueError in one sentence for bounds that cannot be meant."""
+    if scale not in SCALES:
+        raise ValueError(f"The scale of variable {name!r} is {scale!r}; it must be 'linear' or 'log'.")
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        raise ValueError(f"The bounds of {name!r} are {low} and {high}; low must be below high.")
+    if scale == "log" and low <= 0:
+        raise ValueError(f"The lower bound of {name!r} is {low}; on a log scale it must be positive.")
+
+
+def _walk(scenes: Any, path: tuple[str, ...]) -> Any:
+    node = scenes[path[0]]
+    for part in path[1:]:
+        node = getattr(node, part)
+    return node
+
+
+def _kind(scenes: Any, path: tuple[str, ...]) -> str:
+    owner = _walk(scenes, path[:-1])
+    for field in dataclasses.fields(owner):
+        if field.name == path[-1]:
+            return field.metadata.get("kind", "number")
+    return "number"
+
+
+def _list(names: Iterable[Any]) -> str:
+    return ", ".join(map(str, names)) or "none"

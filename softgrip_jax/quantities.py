@@ -1,0 +1,207 @@
+"""What can be asked of scenes, as one vector of numbers: quantities in states.
+
+A quantity is an observable of one scene in one state. A state is named by what is asked of the library:
+
+    at=31e3               sg.solve(scene, 31e3): at that pressure, Pa
+    at="required"         sg.pressure_for(scene): at the pressure that the scene's own task needs
+    at=("force", 2.0)     sg.pressure_for(scene, force=2.0)
+
+Besides the scene's own observables each state has "pressure" and "limit_margin" (limit pressure over pressure), and
+each scene, without a state, "limit_pressure". Of an observable that is a point there are its components, "tip.x" and
+"tip.y"; of the line that a finger bends to there are "shape.x" and "shape.y" at a part `along` of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .leaves import Scenes
+from .results import Solution, Status, in_units
+from .scene import Scene, limit_pressure, pressure_for, solve
+
+Scalar = Float[Array, ""]
+State = float | str | tuple[str, float] | None
+
+REQUIRED = "required"
+LIMIT_PRESSURE = "limit_pressure"
+LIMIT_MARGIN = "limit_margin"
+SHAPE = "shape"
+
+NO_LIMIT_MARGIN = 1e6
+"""`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
+
+SHAPE_POINTS = 101
+"""Points of a shape; straight between two of them: 1e-4 of the length for a finger curled to a circle."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Quantity:
+    """An observable of `scene` (may be left out where there is one scene) in a state `at` (see above).
+
+    along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1).
+    """
+
+    observable: str
+    at: State = None
+    scene: str = ""
+    along: float | None = None
+
+    def label(self, with_scene: bool = True) -> str:
+        """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
+        name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
+        name += "" if self.along is None else f" {self.along:.0%} along"
+        return name if self.at is None else f"{name} at {state_label(self.at)}"
+
+    @property
+    def state(self) -> tuple[str, State]:
+        """The scene and the state, which is solved once for all quantities of it."""
+        return self.scene, self.at
+
+
+def state_label(at: State) -> str:
+    """'31 kPa', 'required', 'force 2'."""
+    if isinstance(at, tuple):
+        return f"{at[0]} {at[1]:g}"
+    return at if isinstance(at, str) else in_units(at, "pressure")
+
+
+class Measured(NamedTuple):
+    """What one design does."""
+
+    values: Float[Array, " q"]
+    """Every quantity in SI; NaN where there is none."""
+    statuses: Int[Array, " s"]
+    """Of every state."""
+
+
+class Asked:
+    """A list of quantities of given scenes, checked: what a study or a search wants to know of every design."""
+
+    def __init__(self, scenes: Scenes, quantities: Sequence[Quantity]):
+        self.quantities = list(dict.fromkeys(named(q, scenes) for q in quantities))
+        self.kinds = [kind_of(q, scenes) for q in self.quantities]
+        """Kinds of quantity, keys of units.DISPLAY."""
+        self.states = list(dict.fromkeys(q.state for q in self.quantities))
+        self.several = len(scenes) > 1
+
+    def index(self, quantity: Quantity) -> int:
+        return self.quantities.index(quantity)
+
+    def labels(self) -> list[str]:
+        """One per quantity; the scene is named only where there are several."""
+        return [q.label(self.several) for q in self.quantities]
+
+    def state_labels(self) -> list[str]:
+        """One per state: 'lift at required', '31 kPa'; a scene without a state: 'limit'."""
+        labels = []
+        for scene, at in self.states:
+            words = "limit" if at is None else state_label(at)
+            labels.append(f"{scene} at {words}" if self.several else words)
+        return labels
+
+    def measure(self, scenes: Scenes, limits: Mapping[str, Scalar] | None = None) -> Measured:
+        """All quantities of one design, each state solved once; `limits`: limit pressures that are known already."""
+        limits = dict(limits or {})
+        for q in self.quantities:
+            if q.observable in (LIMIT_PRESSURE, LIMIT_MARGIN) and q.scene not in limits:
+                limits[q.scene] = limit_pressure(scenes[q.scene])
+        values: list[Any] = [None] * len(self.quantities)
+        statuses = []
+        for state in self.states:
+            name, at = state
+            limit = limits.get(name)
+            solution = None if at is None else solution_at(scenes[name], at)
+            if solution is None:
+                status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE)
+            else:
+                status = solution.status
+            statuses.append(status)
+            shape = None
+            for k, q in enumerate(self.quantities):
+                if q.state != state:
+                    continue
+                if q.along is not None:
+                    shape = solution.shape(SHAPE_POINTS) if shape is None else shape
+                    value = _along(shape[_component(q)[1]], q.along)
+                else:
+                    value = _value(q, solution, limit)
+                values[k] = jnp.where(status == Status.OK, value, jnp.nan)
+        return Measured(jnp.stack(values), jnp.stack(statuses))
+
+
+def solution_at(scene: Scene, at: State) -> Solution:
+    """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
+    if isinstance(at, tuple):
+        return pressure_for(scene, **{at[0]: at[1]})
+    return pressure_for(scene) if at == REQUIRED else solve(scene, at)
+
+
+def observables_of(scene: Scene) -> dict[str, str]:
+    """What can be asked of a state, with its kind; points by their components."""
+    kinds: dict[str, str] = {}
+    for name, kind in type(scene).OBSERVABLES.items():
+        kinds |= {f"{name}.x": "length", f"{name}.y": "length"} if kind == "position" else {name: kind}
+    return kinds | {"pressure": "pressure", LIMIT_MARGIN: "number"}
+
+
+def kind_of(quantity: Quantity, scenes: Scenes) -> str:
+    """Kind of quantity (key of units.DISPLAY); a ValueError where the scene has no such observable in that state."""
+    name, scene = quantity.observable, scenes[quantity.scene]
+    if quantity.at is None:
+        if name == LIMIT_PRESSURE:
+            return "pressure"
+        raise ValueError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
+    if name in (f"{SHAPE}.x", f"{SHAPE}.y"):
+        if quantity.along is None or not 0 <= quantity.along <= 1:
+            raise ValueError(f"{name} needs along, a number from 0 (the clamp) to 1 (the tip).")
+        return "length"
+    known = observables_of(scene)
+    if name not in known:
+        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
+    return known[name]
+
+
+def named(quantity: Quantity, scenes: Scenes) -> Quantity:
+    """The same with its scene and observable checked, and the scene filled in."""
+    if not quantity.scene and len(scenes) == 1:
+        quantity = dataclasses.replace(quantity, scene=next(iter(scenes)))
+    if quantity.scene not in scenes:
+        raise ValueError(
+            f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
+        )
+    kind_of(quantity, scenes)
+    at = quantity.at
+    if isinstance(at, str) and at != REQUIRED:
+        raise ValueError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
+    return quantity
+
+
+def _component(quantity: Quantity) -> tuple[str, str]:
+    name, _, component = quantity.observable.partition(".")
+    return name, component
+
+
+def _value(quantity: Quantity, solution: Solution | None, limit: Any) -> Array:
+    if quantity.observable == LIMIT_PRESSURE:
+        return limit
+    assert solution is not None
+    if quantity.observable == LIMIT_MARGIN:
+        bounded = jnp.isfinite(limit)
+        return jnp.where(bounded, jnp.where(bounded, limit, 1.0) / solution.pressure, NO_LIMIT_MARGIN)
+    if quantity.observable == "pressure":
+        return solution.pressure
+    name, component = _component(quantity)
+    value = solution.observables[name]
+    return value["xy".index(component)] if component else value
+
+
+def _along(points: Float[Array, " n"], part: float) -> Scalar:
+    """The value at a part of the way along evenly spaced points."""
+    place = part * (SHAPE_POINTS - 1)
+    k = min(int(place), SHAPE_POINTS - 2)
+    return points[k] + (place - k) * (points[k + 1] - points[k])
