@@ -20,9 +20,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .scene import Scene
+Scenes = Mapping[str, Any]
+"""Scenes by name; a fit of measured curves also moves the leaves of its material tests."""
 
-Scenes = Mapping[str, Scene]
 Getter = Callable[[Any], tuple[Any, ...]]
 
 SCALES = ("linear", "log")
@@ -91,7 +91,7 @@ class Leaves:
     def size(self) -> int:
         return len(self.names)
 
-    def scenes_at(self, x: Float[Array, " n"]) -> dict[str, Scene]:
+    def scenes_at(self, x: Float[Array, " n"]) -> dict[str, Any]:
         """The scenes with the leaves at SI values x."""
         start, replacements = 0, []
         for getter, shape, size in zip(self._getters, self._shapes, self.sizes, strict=True):

@@ -1,0 +1,175 @@
+"""Measured curves from CSV files: named columns with stated units become arrays in SI.
+
+The header is the first line that has every named column, so a preamble does no harm; commas, semicolons or tabs part
+the columns; lines that begin with # are comments. Rows with a missing value, and rows that stand there twice, are left
+out and counted. Whatever else cannot be meant is a ConfigError in one sentence with the line.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from softgrip_jax.config import ConfigError
+from softgrip_jax.units import DISPLAY, degree
+
+UNITS: dict[str, dict[str, float]] = {
+    "length": {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6},
+    "area": {"mm^2": 1e-6, "cm^2": 1e-4, "m^2": 1.0},
+    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "pressure": {"kPa": 1e3, "Pa": 1.0, "MPa": 1e6, "bar": 1e5, "mbar": 100.0, "psi": 6894.757293168},
+    "moment": {"N mm": 1e-3, "N m": 1.0},
+    "angle": {"deg": degree, "rad": 1.0},
+    "number": {"1": 1.0, "%": 1e-2},
+}
+"""Kind of quantity -> the units that a column may be in, and their value in SI."""
+
+MISSING = ("", "-", "na", "n/a", "nan", "null")
+"""What stands for no value, in any case of letters."""
+
+FALL = 0.05
+"""A pressure that falls by more than this part of its range goes down; less is the noise of its sensor."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """A column of a file: its name, the kind of quantity, and its unit."""
+
+    name: str
+    kind: str
+    unit: str
+
+    @property
+    def factor(self) -> float:
+        """The unit in SI."""
+        return UNITS[self.kind][self.unit]
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """Measured points of one quantity of one model, in SI."""
+
+    name: str
+    model: str
+    """Which of the models it belongs to."""
+    quantity: str
+    """An observable of a scene; "stress" of a tension test."""
+    kind: str
+    """Of the quantity: a key of units.DISPLAY."""
+    x: np.ndarray
+    """Pressure, Pa; engineering strain of a tension test."""
+    y: np.ndarray
+    component: int | None = None
+    """Of a position: 0 for x, 1 for y."""
+    noise: float | None = None
+    """Standard deviation of y; None where it shall be estimated from the residuals."""
+    fit: bool = True
+    """False: predicted and compared, but not fitted."""
+    specimen: np.ndarray | None = None
+    """A number for each point, where there are several specimens or repeats; None for one."""
+    specimens: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What was left out or looks odd, in sentences."""
+
+    def __post_init__(self) -> None:
+        if self.noise is not None and not (np.isfinite(self.noise) and self.noise > 0):
+            raise ValueError(f"The noise of curve {self.name!r} is {self.noise:g}; it must be a positive number.")
+
+    @property
+    def label(self) -> str:
+        """'tip y', 'force'."""
+        part = "" if self.component is None else f" {'xy'[self.component]}"
+        return self.quantity.replace("_", " ") + part
+
+    @property
+    def unit(self) -> tuple[str, float]:
+        """(label, value in SI) of the unit that the curve is shown in."""
+        return DISPLAY[self.kind]
+
+    @property
+    def size(self) -> float:
+        """The largest |y|: what a residual of this curve is compared with."""
+        return float(np.max(np.abs(self.y))) or 1.0
+
+
+def read_columns(path: Path, columns: Sequence[Column]) -> tuple[np.ndarray, list[str]]:
+    """(the columns in SI, shape (rows, columns); what was left out) of one file."""
+    header, lines = _table(path, [c.name for c in columns])
+    rows: list[list[float]] = []
+    for number, cells in lines:
+        values = []
+        for column in columns:
+            place = header.index(column.name)
+            text = cells[place].strip() if place < len(cells) else ""
+            values.append(_number(text, column, path, number) * column.factor)
+        rows.append(values)
+    data = np.array(rows).reshape(-1, len(columns))
+    whole = np.all(np.isfinite(data), axis=1)
+    notes = []
+    if not whole.all():
+        notes.append(f"{path.name}: {_count(np.sum(~whole), 'row')} with a missing value left out.")
+    data = data[whole]
+    _, first = np.unique(data, axis=0, return_index=True)
+    if len(first) < len(data):
+        notes.append(f"{path.name}: {_count(len(data) - len(first), 'row')} that stood there twice left out.")
+    data = data[np.sort(first)]
+    if not len(data):
+        raise ConfigError(f"{path}: there is no row with a number in {' and '.join(repr(c.name) for c in columns)}.")
+    return data, notes
+
+
+def _table(path: Path, names: Sequence[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """(names of the columns, numbered rows under them)."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: this is not a text file in UTF-8 (byte {error.start}).") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}.") from None
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    if not lines:
+        raise ConfigError(f"{path}: the file is empty.")
+    for k, (_, line) in enumerate(lines):
+        for mark in ",;\t":
+            header = [cell.strip() for cell in next(csv.reader([line], delimiter=mark))]
+            if all(header.count(name) == 1 for name in names):
+                rest = [(n, next(csv.reader([text], delimiter=mark))) for n, text in lines[k + 1 :]]
+                return header, rest
+    found = " ".join(lines[0][1].split())[:60]
+    wanted = " and ".join(map(repr, names))
+    raise ConfigError(f"{path}: there is no header line with the columns {wanted}; the first line is {found!r}.")
+
+
+def _number(text: str, column: Column, path: Path, line: int) -> float:
+    if text.lower() in MISSING:
+        return np.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.inf
+    if not np.isfinite(value):
+        hint = "; write decimals with a point" if text.replace(",", "", 1).lstrip("+-").isdigit() else ""
+        raise ConfigError(f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number{hint}.")
+    return value
+
+
+def check_pressures(name: str, x: np.ndarray, path: Path) -> list[str]:
+    """Sentences about pressures that look odd; a ConfigError for negative ones."""
+    if np.any(x < 0):
+        worst = float(np.min(x)) / UNITS["pressure"]["kPa"]
+        raise ConfigError(f"{path}: a pressure of curve {name!r} is {worst:.6g} kPa; gauge pressures are zero or more.")
+    fall = float(np.max(np.maximum.accumulate(x) - x))
+    if fall > FALL * np.ptp(x):
+        return [
+            f"{path.name}: the pressure rises and falls again; every point is used, and hysteresis, which the models "
+            "do not have, counts as noise."
+        ]
+    return []
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" + ("" if n == 1 else "s")

@@ -1,0 +1,304 @@
+"""Least squares of models on measured curves, for one set of data; pure JAX, so that many can be run at once.
+
+Every point i of curve k gives one residual, a pure number,
+
+    r_i = (f_i(x) - y_i) / sigma_k,       minimise  1/2 sum_i w_i rho(r_i)
+
+with f the model, sigma_k the noise of the curve, w_i >= 0 a weight (0 leaves a point out; a bootstrap draws them) and
+rho a loss. The parameters x move between their bounds by the sine map of `variables.py`, so none is ever outside them.
+Levenberg (1944) and Marquardt (1963) as in Optimistix, with the exact Jacobian, all parameters in one forward pass.
+
+A point without equilibrium (pressure beyond the limit point at these parameters) has no f. Its residual is then
+
+    r_i = (size of the curve / sigma_k) (1 + missing),   missing = 1/NEAR_LIMIT - limit pressure / pressure
+
+which is finite, larger than that of any point with an answer, and leads back by the slope of the limit pressure. It is
+for the way only: what is done with points that end there is decided in `calibrate.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int
+
+import softgrip_jax as sg
+from softgrip_jax.results import Status
+from softgrip_jax.scene import Scene
+
+from .curve_files import Curve
+from .objectives import NEAR_LIMIT
+from .tension import Tension
+from .variables import Space, Variable, to_unit
+
+TOLERANCE = 1e-10
+"""The fit has settled when neither the free parameters (of order one) nor the residuals (relative to the size of their
+curve) change by more: far below any noise, and above the rounding of the models."""
+
+MAX_STEPS = 200
+"""Usual fits take 5 to 30 steps."""
+
+HUBER, CAUCHY, SOFT_L1 = 1.345, 2.385, 1.287
+"""Residuals beyond these many sigma count less. Each loses 5 % against least squares where the noise is normal (Huber
+1981; Holland and Welsch 1977; the one of soft_l1 by the same integral)."""
+
+
+def _huber(r: Array) -> Array:
+    size, far = jnp.abs(r), jnp.abs(r) > HUBER
+    return jnp.where(far, jnp.sign(r) * jnp.sqrt(2 * HUBER * jnp.where(far, size, 1.0) - HUBER**2), r)
+
+
+def _soft_l1(r: Array) -> Array:
+    return r * jnp.sqrt(2 / (jnp.sqrt(1 + (r / SOFT_L1) ** 2) + 1))
+
+
+def _cauchy(r: Array) -> Array:
+    square = (r / CAUCHY) ** 2
+    safe = jnp.where(square > 0, square, 1.0)
+    return r * jnp.sqrt(jnp.where(square > 0, jnp.log1p(safe) / safe, 1.0))
+
+
+LOSSES: dict[str, Callable[[Array], Array]] = {
+    "linear": lambda r: r,
+    "huber": _huber,
+    "soft_l1": _soft_l1,
+    "cauchy": _cauchy,
+}
+"""Name -> g with rho(r) = g(r)^2: g is smooth through zero and rises, so that Gauss-Newton applies to it."""
+
+
+class Response(NamedTuple):
+    """What the models say at all points of all curves."""
+
+    values: Float[Array, " N"]
+    """SI; 0 where there is no answer."""
+    ok: Bool[Array, " N"]
+    missing: Float[Array, " N"]
+    """How far a point without an answer is from one; a pure number."""
+    share: Float[Array, " N"]
+    """Pressure over limit pressure; 0 where there is no limit."""
+
+
+class Lane(NamedTuple):
+    """One fit: the data, and where to start."""
+
+    start: Float[Array, " n"]
+    """Free values u."""
+    free: Bool[Array, " n"]
+    """False holds a parameter where it starts."""
+    xs: dict[str, Array]
+    """Per model: the pressures or strains at which it is asked."""
+    y: Float[Array, " N"]
+    weight: Float[Array, " N"]
+    sigma: Float[Array, " K"]
+
+
+class Fitted(NamedTuple):
+    """Where one fit ended."""
+
+    u: Float[Array, " n"]
+    x: Float[Array, " n"]
+    """SI."""
+    cost: Float[Array, ""]
+    """1/2 sum of w rho(r)."""
+    steps: Int[Array, ""]
+    converged: Bool[Array, ""]
+
+
+class Predicted(NamedTuple):
+    """The models and their derivatives at some parameters."""
+
+    response: Response
+    slopes: Float[Array, "N n"]
+    """By the parameters in SI."""
+
+
+class Statistics(NamedTuple):
+    """What the residuals tell."""
+
+    sigma: Float[Array, " K"]
+    """Noise per curve: as stated, or estimated."""
+    covariance: Float[Array, "n n"]
+    """Of the scaled parameters."""
+
+
+class Fitting:
+    """Models, their varied parameters, and the curves that they shall follow. Curves of one model share its solves."""
+
+    def __init__(
+        self,
+        models: Mapping[str, Scene | Tension],
+        variables: Sequence[Variable],
+        curves: Sequence[Curve],
+        loss: str = "linear",
+    ):
+        if loss not in LOSSES:
+            raise ValueError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
+        ready = {name: model.prepared() if isinstance(model, Scene) else model for name, model in models.items()}
+        self.space, self.curves, self.loss = Space(ready, variables), tuple(curves), loss
+        self.xs: dict[str, np.ndarray] = {}
+        self._places: list[np.ndarray] = []
+        used = {name: [c for c in curves if c.model == name] for name in models}
+        for name, own in used.items():
+            if own:
+                self.xs[name] = np.unique(np.concatenate([c.x for c in own]))
+        for c in self.curves:
+            self._places.append(np.searchsorted(self.xs[c.model], c.x))
+        self.of_curve = np.repeat(np.arange(len(curves)), [len(c.x) for c in curves])
+        """Index of the curve of every point."""
+        self.x = np.concatenate([c.x for c in curves])
+        self.y = np.concatenate([c.y for c in curves])
+        self.sizes = np.array([c.size for c in curves])
+        self.known = np.array([c.noise is not None for c in curves])
+        """Curves with a stated noise."""
+        self.weight = np.concatenate([np.full(len(c.x), float(c.fit)) for c in curves])
+        self.fit_lane_jit = jax.jit(self.fit_lane)
+        self.predict_jit = jax.jit(self.predict_with_slopes)
+
+    def predict(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Response:
+        """All models at parameters x (SI)."""
+        models = self.space.scenes_at(x)
+        parts = []
+        answers = {name: _answers(models[name], at) for name, at in xs.items()}
+        for curve, place in zip(self.curves, self._places, strict=True):
+            observed, ok, missing, share = answers[curve.model]
+            values = observed[curve.quantity]
+            values = (values if curve.component is None else values[:, curve.component])[place]
+            parts.append(Response(jnp.where(ok[place], values, 0.0), ok[place], missing[place], share[place]))
+        return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *parts)
+
+    def predict_with_slopes(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Predicted:
+        """`predict` and its derivatives by x."""
+
+        def split(x):
+            response = self.predict(x, xs)
+            return response.values, response
+
+        slopes, response = jax.jacfwd(split, has_aux=True)(x)
+        return Predicted(response, slopes)
+
+    def residuals(self, u: Float[Array, " n"], lane: Lane) -> Float[Array, " N"]:
+        """g(r), before the weights."""
+        response = self.predict(self.space.from_unit(to_unit(u)), lane.xs)
+        sigma = lane.sigma[self.of_curve]
+        lost = (jnp.asarray(self.sizes)[self.of_curve] / sigma) * (1 + response.missing)
+        return LOSSES[self.loss](jnp.where(response.ok, (response.values - lane.y) / sigma, lost))
+
+    def fit_lane(self, lane: Lane) -> Fitted:
+        """One fit."""
+        scale = jnp.min(lane.sigma / self.sizes)
+
+        def scaled(u, lane):
+            weighted = scale * jnp.sqrt(lane.weight) * self.residuals(u, lane)
+            # A parameter that is held: its own residual keeps the equations regular and its step zero.
+            return jnp.concatenate([weighted, jnp.where(lane.free, 0.0, u - lane.start)]), weighted
+
+        def moved(u, lane):
+            return scaled(jnp.where(lane.free, u, lane.start + u - jax.lax.stop_gradient(u)), lane)
+
+        solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
+        end = optx.least_squares(moved, solver, lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False)
+        cost = 0.5 * jnp.sum((end.aux / scale) ** 2)
+        x = self.space.from_unit(to_unit(end.value))
+        return Fitted(end.value, x, cost, end.stats["num_steps"], end.result == optx.RESULTS.successful)
+
+    def points(self) -> dict[str, Array]:
+        """The pressures and strains at which each model is asked."""
+        return {name: jnp.asarray(x) for name, x in self.xs.items()}
+
+    def lane(self, start: Any, **changes: Any) -> Lane:
+        """The data as measured, with some entries changed; noises that are not stated start at 1 % of the curve."""
+        noises = [c.noise or START_NOISE * c.size for c in self.curves]
+        free = jnp.ones(self.space.size, dtype=bool)
+        lane = Lane(
+            jnp.asarray(start), free, self.points(), jnp.asarray(self.y), jnp.asarray(self.weight), jnp.asarray(noises)
+        )
+        return lane._replace(**{name: jnp.asarray(value) for name, value in changes.items()})
+
+    def scales(self, x: Any) -> Any:
+        """What makes a change of each parameter a pure number: its value (log), or its range (linear)."""
+        return jnp.where(self.space.is_log, jnp.asarray(x), self.space.high - self.space.low)
+
+    def statistics(self, predicted: Predicted, lane: Lane, scales: Any) -> Statistics:
+        """Noise per curve and covariance of the parameters from where a fit ended.
+
+        With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
+
+            sigma_k^2 <- sum_k w (f - y)^2 / sum_k (w - h)      where it is not stated
+            covariance = (J^T W J)^-1 times, with a robust loss, mean(psi^2) / mean(psi')^2     (Huber 1981)
+
+        With a robust loss an unknown sigma_k is 1.4826 times the median of |f - y| (of points with a weight).
+        """
+        of_curve, count = self.of_curve, len(self.curves)
+        sigma = lane.sigma[of_curve]
+        weight = lane.weight * predicted.response.ok
+        jacobian = predicted.slopes * scales / sigma[:, None] * jnp.sqrt(weight)[:, None]
+        covariance = _inverse_square(jacobian)
+        r = jnp.where(weight > 0, (predicted.response.values - lane.y) / sigma, 0.0)
+        leverage = jnp.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+        curves = jnp.arange(count)[:, None] == of_curve
+        freedom = jnp.sum(curves * (weight - leverage), axis=1)
+        points = jnp.sum(curves * weight, axis=1)
+        if self.loss == "linear":
+            square = jnp.sum(curves * weight * r**2, axis=1) / jnp.where(freedom > 0, freedom, 1.0)
+        else:
+            typical = jnp.nanmedian(jnp.where(curves & (weight > 0), jnp.abs(r), jnp.nan), axis=1)
+            square = (NORMAL_MAD * typical) ** 2 * points / jnp.where(freedom > 0, freedom, 1.0)
+        least = (LEAST_NOISE * self.sizes) ** 2
+        estimated = jnp.sqrt(jnp.maximum(square * lane.sigma**2, least))
+        estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), lane.sigma, estimated)
+        return Statistics(estimated, covariance * self._robust_factor(r, weight))
+
+    def _robust_factor(self, r: Array, weight: Array) -> Array:
+        if self.loss == "linear":
+            return jnp.asarray(1.0)
+        influence = jax.grad(lambda r: 0.5 * LOSSES[self.loss](r) ** 2)
+        psi, bend = jax.vmap(influence)(r), jax.vmap(jax.grad(influence))(r)
+        total = jnp.sum(weight)
+        return (jnp.sum(weight * psi**2) / total) / (jnp.sum(weight * bend) / total) ** 2
+
+
+START_NOISE = 1e-2
+"""Of the size of a curve: where the estimate of a noise begins."""
+
+LEAST_NOISE = 1e-6
+"""Of the size of a curve: no estimated noise is smaller, as for numbers that were computed and not measured."""
+
+NORMAL_MAD = 1.4826
+"""Standard deviation over median absolute deviation, normal noise."""
+
+
+def _inverse_square(jacobian: Array) -> Array:
+    """(J^T J)^-1; huge, not infinite, in a direction that nothing determines."""
+    _, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
+    least = jnp.finfo(s.dtype).eps * jnp.max(s)
+    rows = vt / jnp.maximum(s, jnp.where(least > 0, least, 1.0))[:, None]
+    return rows.T @ rows
+
+
+LOST = 2.0
+"""`missing` of a point whose scene cannot exist, or was not solved: more than any beyond a limit usually has."""
+
+
+def _answers(model: Scene | Tension, at: Array) -> tuple[dict[str, Array], Array, Array, Array]:
+    """(observables, ok, missing, share of the limit) of one model at its pressures or strains."""
+    if isinstance(model, Tension):
+        room = jax.vmap(model.bearable)(at)
+        ok = room > 0
+        safe = jnp.where(ok, at, 0.0)
+        missing = jnp.where(ok, 0.0, 1 - room)
+        return {"stress": jax.vmap(model.stress)(safe)}, ok, missing, jnp.zeros_like(at)
+    solutions = jax.vmap(lambda pressure: sg.solve(model, pressure))(at)
+    limit = sg.limit_pressure(model)
+    bounded = jnp.isfinite(limit) & (limit > 0)
+    safe = jnp.where(bounded, limit, 1.0)
+    ok = (solutions.status == Status.OK) | (solutions.status == Status.NO_CONTACT)
+    beyond = bounded & (solutions.status == Status.BEYOND_LIMIT)
+    pressure = jnp.where(at > 0, at, 1.0)
+    missing = jnp.where(beyond, 1 / NEAR_LIMIT - safe / pressure, jnp.where(ok, 0.0, LOST))
+    return solutions.observables, ok, missing, jnp.where(bounded, at / safe, 0.0)

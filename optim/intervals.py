@@ -1,0 +1,147 @@
+"""95 % intervals of fitted parameters, three ways, by name.
+
+    gauss_newton    x +- t sd from the covariance (J^T W J)^-1: instant; exact for a model that is linear over the
+                    interval and noise that is normal.
+    bootstrap       fits to points drawn with replacement within every curve, percentiles of them (Efron 1979): no
+                    normal noise, and no noise that is the same everywhere, is assumed.
+    profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
+                    model that is not linear, and says where an interval has no end.
+
+Each parameter is log or linear as it is varied, so that an interval of a log parameter is never negative.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from .calibrate import CONFIDENCE, Fit, run_lanes
+from .variables import to_free
+
+METHODS = ("gauss_newton", "bootstrap", "profile")
+
+REPEATS = 1000
+"""Bootstrap fits: the ends of a 95 % interval then stand on 25 fits each."""
+
+MIN_CONVERGED = 0.9
+"""Of the bootstrap fits: with fewer the percentiles mean little, and the report says so."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Intervals:
+    """Ends of the intervals, SI; NaN where there is none."""
+
+    method: str
+    low: np.ndarray
+    high: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0) -> Intervals:
+    """The intervals by the named method; repeats and seed are of the bootstrap."""
+    if method == "gauss_newton":
+        return Intervals(method, fit.low, fit.high)
+    if method == "bootstrap":
+        return bootstrap(fit, repeats, seed)
+    if method == "profile":
+        return profile(fit)
+    raise ValueError(f"The intervals are {method!r}; they must be one of {', '.join(map(repr, METHODS))}.")
+
+
+def bootstrap(fit: Fit, repeats: int, seed: int) -> Intervals:
+    """Percentiles of fits to resampled points; noises stay as in the fit."""
+    draws = bootstrap_fits(fit, repeats, seed)
+    kept = draws[np.all(np.isfinite(draws), axis=1)]
+    notes = []
+    if len(kept) < MIN_CONVERGED * repeats:
+        notes.append(f"Only {len(kept)} of {repeats} bootstrap fits settled: its intervals mean little.")
+    if len(kept) < 2:
+        nothing = np.full(draws.shape[1], np.nan)
+        return Intervals("bootstrap", nothing, nothing, tuple(notes))
+    low, high = np.quantile(kept, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], axis=0)
+    return Intervals("bootstrap", low, high, tuple(notes))
+
+
+def bootstrap_fits(fit: Fit, repeats: int, seed: int) -> np.ndarray:
+    """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not settle."""
+    fitting, rng = fit.fitting, np.random.default_rng(seed)
+    weight = np.asarray(fit.lane.weight)
+    start = jnp.asarray(_start(fit, fit.x))
+    lanes = []
+    for _ in range(repeats):
+        drawn = np.zeros_like(weight)
+        for k in range(len(fitting.curves)):
+            own = np.flatnonzero((fitting.of_curve == k) & (weight > 0))
+            if own.size:
+                drawn += np.bincount(rng.choice(own, own.size), minlength=len(weight))
+        lanes.append(fit.lane._replace(start=start, weight=jnp.asarray(drawn)))
+    ends = run_lanes(fitting, lanes)
+    return np.where(ends.converged[:, None], ends.x, np.nan)
+
+
+STEPS = (0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
+"""Standard deviations at which the profile is first looked at."""
+
+REFINED = 5
+"""Points of the second look, around the crossing: the interval is then good to a thousandth of its width."""
+
+
+def profile(fit: Fit) -> Intervals:
+    """Profile likelihood: the signed root of the added cost, z = sqrt(2 (cost - best)), crosses the quantile."""
+    n = fit.fitting.space.size
+    low, high = np.full(n, np.nan), np.full(n, np.nan)
+    notes = []
+    for j in range(n):
+        name = fit.fitting.space.names[j]
+        for sign, ends in ((-1, low), (1, high)):
+            found = _crossing(fit, j, sign)
+            ends[j] = found
+            if np.isnan(found):
+                side = "below" if sign < 0 else "above"
+                notes.append(f"{name}: the data set no end to its interval {side} within its bounds.")
+    return Intervals("profile", low, high, tuple(notes))
+
+
+def _crossing(fit: Fit, j: int, sign: int) -> float:
+    """The value of parameter j (SI) where its profile crosses, on one side; NaN where it does not within the bounds."""
+    space = fit.fitting.space
+    edge = space.high[j] if sign > 0 else space.low[j]
+    log = bool(space.is_log[j])
+    room = abs(np.log(edge / fit.x[j]) if log else (edge - fit.x[j]) / fit.scales[j])
+    sd = min(fit.deviation[j], room)
+    steps = np.unique(np.minimum(np.array([0.0, *STEPS]) * sd, room * (1 - 1e-6)))
+    z = _roots(fit, j, sign * steps)
+    for _ in range(2):
+        over = np.flatnonzero(z > fit.quantile)
+        if not over.size:
+            break
+        k = int(over[0])
+        more = np.linspace(steps[k - 1], steps[k], REFINED + 2)[1:-1]
+        steps, z = np.append(steps, more), np.append(z, _roots(fit, j, sign * more))
+        order = np.argsort(steps)
+        steps, z = steps[order], np.maximum.accumulate(z[order])
+    over = np.flatnonzero(z > fit.quantile)
+    if not over.size:
+        return np.nan
+    rising = np.concatenate([[True], np.diff(z) > 0])
+    return float(fit.shifted(sign * float(PchipInterpolator(z[rising], steps[rising])(fit.quantile)))[j])
+
+
+def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:
+    """sqrt(2 (cost - best)) with parameter j held at changes of its scaled value."""
+    free = np.arange(fit.fitting.space.size) != j
+    lanes = []
+    for change in changes:
+        x = fit.shifted(np.where(free, 0.0, change))
+        start = np.where(free, _start(fit, fit.x), np.asarray(to_free(fit.fitting.space.to_unit(x))))
+        lanes.append(fit.lane._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
+    added = np.asarray(run_lanes(fit.fitting, lanes).cost) - fit.cost
+    return np.sqrt(2 * np.maximum(added, 0))
+
+
+def _start(fit: Fit, x: Any) -> np.ndarray:
+    return np.asarray(to_free(fit.fitting.space.inside(fit.fitting.space.to_unit(x))))
