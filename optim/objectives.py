@@ -140,6 +140,8 @@ class Problem:
         lost = 1 + jnp.mean((t - home) ** 2)
         good, missing = statuses == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
+        # At a pressure too low to touch there are zeros to report, but nothing to improve by.
+        values = jnp.where(good[np.array(self.asked.state_of)], values, jnp.nan)
         return Measured(values, jnp.sum(missing), statuses)
 
     @cached_property

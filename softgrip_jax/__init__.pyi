@@ -2,6 +2,7 @@ from . import materials as materials
 from . import objects as objects
 from . import pneunet as pneunet
 from . import shell as shell
+from . import study as study
 from . import units as units
 from ._version import __version__ as __version__
 from .materials import Gent as Gent
@@ -10,6 +11,7 @@ from .materials import NeoHookean as NeoHookean
 from .materials import Ogden as Ogden
 from .materials import Yeoh as Yeoh
 from .pneunet.finger import PneuNet as PneuNet
+from .quantities import Quantity as Quantity
 from .results import Solution as Solution
 from .results import Status as Status
 from .scene import Scene as Scene
@@ -20,3 +22,5 @@ from .scene import path as path
 from .scene import pressure_for as pressure_for
 from .scene import solve as solve
 from .shell.flat_shell import FlatShell as FlatShell
+from .study import Study as Study
+from .study import load_study as load_study

@@ -110,6 +110,24 @@ def design(
     run_design(config, out, Console())
 
 
+@app.command()
+def sweep(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [sweep].")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; a study that was stopped there goes on.")
+    ] = None,
+) -> None:
+    """Solve many designs: a grid, a Latin hypercube, a Sobol set, or a CSV file of them.
+
+    A study that was stopped, even killed, goes on with the same --out.
+
+        softgrip sweep configs/shell_sweep.toml
+    """
+    from .sweep import run_sweep
+
+    run_sweep(config, out, Console())
+
+
 def as_data(solution: Solution) -> dict[str, Any]:
     """A solution as plain data in SI; what is not a finite number is None."""
     from .config import type_name

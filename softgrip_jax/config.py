@@ -6,7 +6,8 @@ Nothing here is written per scene. The keys of a table follow from the fields of
     friction = friction()             friction = 0.96       or a table [scene.friction] with force_N, coefficient
     lever = choice("exact", "rim")    lever = "rim"
     shell = part(FlatShell)           [scene.shell]         `type` chooses where several classes fit, `preset` a
-    fingers: int (static)             fingers = 2           ready one, whose other keys may be overridden
+    fingers: int (static)             fingers = 2           ready one, whose other keys may be overridden;
+                                                            shell = "mine.toml" is the section [shell] of that file
 
 so a new scene, material or object can be used in a config without a line here. A mistake is a ConfigError: one
 sentence that says where it is, what was found, and what is allowed.
@@ -36,18 +37,29 @@ from .errors import ConfigError as ConfigError
 from .objects import Friction
 from .scene import Scene
 from .units import DISPLAY
+from .units import unit_key as unit_key
 
-SECTIONS = ("scene", "solve", "design")
+SECTIONS = ("scene", "scenes", "solve", "design", "sweep", "sensitivity", "calibrate", "tension")
 """The tables that a config may have."""
+
+SCENE = "scene"
+"""What the one scene of a config is called."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """A config as read: the scene, and the other tables for those who run them."""
+    """A config as read: its scenes by name, and the other tables for those who run them."""
 
     path: Path
-    scene: Scene
+    scenes: dict[str, Scene]
     tables: dict[str, dict[str, Any]]
+
+    @property
+    def scene(self) -> Scene:
+        """The one scene; a ConfigError where there are several."""
+        if len(self.scenes) > 1:
+            raise ConfigError(f"{self.path} has several scenes ({', '.join(self.scenes)}); this needs one of them.")
+        return next(iter(self.scenes.values()))
 
 
 class Key(NamedTuple):
@@ -84,16 +96,56 @@ class Leaf(NamedTuple):
 def load(path: str | Path) -> Config:
     """Read a config. Raises ConfigError for anything that is wrong in it."""
     path = Path(path)
+    tables = read_sections(path)
+    if "scene" in tables and "scenes" in tables:
+        raise ConfigError(f"{path}: there are [scene] and [scenes]; one scene is [scene], several are [scenes.NAME].")
+    found = {SCENE: tables["scene"]} if "scene" in tables else tables.get("scenes", {})
+    if not found:
+        raise ConfigError(f"{path}: there is no section [scene], which says what to solve.")
+    scenes = {}
+    for name, table in found.items():
+        where = f"{path}, [scene]" if "scene" in tables else f"{path}, [scenes.{name}]"
+        scenes[name] = read_module((Scene,), table, where)
+    return Config(path, scenes, {name: table for name, table in tables.items() if name not in ("scene", "scenes")})
+
+
+def read_sections(path: Path) -> dict[str, dict[str, Any]]:
+    """The sections of a config, with the parts that stand in files of their own."""
     tables = read_toml(path)
     for name, table in tables.items():
         if name not in SECTIONS:
             raise ConfigError(f"{path}: {_unknown(f'section [{name}]', name, SECTIONS)}")
         if not isinstance(table, dict):
             raise ConfigError(f"{path}: {name} is {_show(table)}; it must be a section, [{name}].")
-    if "scene" not in tables:
-        raise ConfigError(f"{path}: there is no section [scene], which says what to solve.")
-    scene = read_module((Scene,), tables["scene"], f"{path}, [scene]")
-    return Config(path, scene, {name: table for name, table in tables.items() if name != "scene"})
+    return {name: _with_parts(table, path, f"[{name}") for name, table in tables.items()}
+
+
+def _with_parts(table: dict[str, Any], path: Path, where: str) -> dict[str, Any]:
+    """The table with every `key = "file.toml"` replaced by the section [key] of that file beside the config."""
+    whole = {}
+    for key, value in table.items():
+        if isinstance(value, str) and value.endswith(".toml"):
+            file = path.parent / value
+            try:
+                sections = read_toml(file)
+            except ConfigError as error:
+                raise ConfigError(f"{path}, {where}]: {key} is {value!r}: {error}") from None
+            if not isinstance(sections.get(key), dict):
+                raise ConfigError(f"{path}, {where}]: {key} is {value!r}; that file has no section [{key}].")
+            value = sections[key]
+        elif isinstance(value, dict):
+            value = _with_parts(value, path, f"{where}.{key}")
+        whole[key] = value
+    return whole
+
+
+def standalone(path: Path) -> bytes:
+    """A config as it was given, or, where parts of it stand in other files, with those parts in it."""
+    given = path.read_bytes()
+    tables = read_sections(path)
+    if tables == tomllib.loads(given.decode()):
+        return given
+    return f"# {path.name}, with the parts that stood in other files.\n{tomli_w.dumps(tables)}".encode()
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -259,9 +311,11 @@ def _fits(value: Any, shape: str) -> bool:
 # --- modules to tables ------------------------------------------------------------------------------------------------
 
 
-def dump(scene: Scene, comment: str = "", **tables: dict[str, Any]) -> str:
-    """A config that `load` reads back as the same scene; `tables` are its other sections, as they shall stand there."""
-    text = tomli_w.dumps({"scene": to_table(scene, (Scene,))} | tables)
+def dump(scenes: Scene | dict[str, Scene], comment: str = "", **tables: dict[str, Any]) -> str:
+    """A config that `load` reads back as the same scene or scenes; `tables` are its other sections, as they stand."""
+    scenes = {SCENE: scenes} if isinstance(scenes, Scene) else scenes
+    found = {name: to_table(scene, (Scene,)) for name, scene in scenes.items()}
+    text = tomli_w.dumps((found if list(found) == [SCENE] else {"scenes": found}) | tables)
     return "".join(f"# {line}\n" for line in comment.splitlines()) + text
 
 
@@ -295,12 +349,6 @@ def _in_unit(value: Any, unit: float) -> Any:
 
 
 # --- classes and their keys -------------------------------------------------------------------------------------------
-
-
-def unit_key(name: str, kind: str) -> str:
-    """The key of a quantity: its name and its unit, 'radius_mm', 'area_mm2', 'weight_N_per_m'."""
-    label = DISPLAY[kind][0].replace("^", "").replace("/", "_per_").replace(" ", "_")
-    return f"{name}_{label}" if label else name
 
 
 @functools.cache

@@ -74,7 +74,7 @@ class Measured(NamedTuple):
     """What one design does."""
 
     values: Float[Array, " q"]
-    """Every quantity in SI; NaN where there is none."""
+    """Every quantity in SI as the library reports it: NaN where there is no equilibrium, zeros without contact."""
     statuses: Int[Array, " s"]
     """Of every state."""
 
@@ -87,6 +87,8 @@ class Asked:
         self.kinds = [kind_of(q, scenes) for q in self.quantities]
         """Kinds of quantity, keys of units.DISPLAY."""
         self.states = list(dict.fromkeys(q.state for q in self.quantities))
+        self.state_of = [self.states.index(q.state) for q in self.quantities]
+        """The place of each quantity's state among them."""
         self.several = len(scenes) > 1
 
     def index(self, quantity: Quantity) -> int:
@@ -125,12 +127,12 @@ class Asked:
             for k, q in enumerate(self.quantities):
                 if q.state != state:
                     continue
-                if q.along is not None:
-                    shape = solution.shape(SHAPE_POINTS) if shape is None else shape
-                    value = _along(shape[_component(q)[1]], q.along)
-                else:
-                    value = _value(q, solution, limit)
-                values[k] = jnp.where(status == Status.OK, value, jnp.nan)
+                if q.along is None:
+                    values[k] = _value(q, solution, limit)
+                    continue
+                assert solution is not None
+                shape = solution.shape(SHAPE_POINTS) if shape is None else shape
+                values[k] = jnp.where(status == Status.OK, _along(shape[_component(q)[1]], q.along), jnp.nan)
         return Measured(jnp.stack(values), jnp.stack(statuses))
 
 

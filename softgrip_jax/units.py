@@ -54,3 +54,9 @@ SI = {
     "number": "",
 }
 """Kind of quantity -> its SI unit: what constructors take, results hold and `--json` prints."""
+
+
+def unit_key(name: str, kind: str) -> str:
+    """A quantity's name with its unit, as keys of configs and columns of tables: 'radius_mm', 'weight_N_per_m'."""
+    label = DISPLAY[kind][0].replace("^", "").replace("/", "_per_").replace(" ", "_")
+    return f"{name}_{label}" if label else name

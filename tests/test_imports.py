@@ -28,6 +28,9 @@ ORDER = [
     "plots",
     "thesis",
     "config",
+    "sections",
+    "sweep",
+    "sensitivity",
     "cli",
     "__main__",
 ]

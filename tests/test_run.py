@@ -137,7 +137,7 @@ def test_a_failure_leaves_nothing_behind(finished, monkeypatch, tmp_path, moment
         ("low = 8 ", 'low = "8" ', "must be a positive finite number|should be a valid number"),
         ("low = 8 ", "lo = 8 ", "there is no key|is missing"),
         ('minimise = "pressure_kPa"', 'minimise = "pressure"', "there is no quantity 'pressure'"),
-        ('minimise = "pressure_kPa"', "", "a goal has 0 of minimise, maximise and reach"),
+        ('minimise = "pressure_kPa"', "", "a goal has 0 of minimise, maximise, reach and follow"),
         ('minimise = "pressure_kPa"', 'reach = "pressure_kPa"', "'reach' needs a target"),
         ('at = "required"    #', 'at = "soon"    #', "at must be 'required'"),
         ("low = 1.25", "", "has no bound"),

@@ -11,3 +11,9 @@ from .figures import draw as draw
 from .figures import has_picture as has_picture
 from .figures import paints as paints
 from .figures import pressure_curve as pressure_curve
+from .fits import Line as Line
+from .fits import Panel as Panel
+from .fits import Points as Points
+from .fits import measured_and_fitted as measured_and_fitted
+from .study import elasticities as elasticities
+from .study import study as study

@@ -1,0 +1,203 @@
+"""Parameter studies as pictures: curves over one varied number, maps over two, bars of elasticities.
+
+Where a design has no answer nothing is drawn: the region is hatched, and the legend says what its status is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from ..results import Status
+from ..units import DISPLAY
+from .figures import BLUE, GREEN, ORANGE, STYLE, VERMILION, WIDTH
+
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE, "#CC79A7", "#56B4E9", "#4D4D4D")
+LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+HATCHES = {
+    Status.NO_CONTACT: "....",
+    Status.BEYOND_LIMIT: "////",
+    Status.IMPOSSIBLE: "xxxx",
+    Status.NOT_CONVERGED: "++++",
+}
+HATCH_FACE, HATCH_EDGE = "#F2F2F2", "#9A9A9A"
+PANEL_HEIGHT = 2.3
+"""Inches."""
+
+
+def study(data: xr.Dataset) -> Figure:
+    """A grid over one or two numbers (`softgrip_jax.study`): a panel for every observable or, of maps, quantity."""
+    names = [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
+    sizes = {name: data.sizes[name] for name in data[names[0]].dims}
+    axes = [str(name) for name, size in sizes.items() if size > 1]
+    data = data.isel({name: 0 for name in sizes if name not in axes})
+    if len(axes) not in (1, 2):
+        raise ValueError(f"A picture shows one or two varied numbers; this study is a grid over {len(axes)}.")
+    if len(axes) == 2:
+        return _figure(len(names), lambda k, ax: _map(data, names[k], axes, ax))
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(data[name].attrs["long_name"].partition(" at ")[0], []).append(name)
+    members = list(groups.items())
+    return _figure(len(members), lambda k, ax: _curves(data, *members[k], axes[0], ax))
+
+
+def _figure(panels: int, paint: Any) -> Figure:
+    columns = min(panels, 2)
+    rows = -(-panels // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH * (0.6 if columns == 1 else 1.0), rows * PANEL_HEIGHT + 0.3))
+        grid = figure.subplots(rows, columns, squeeze=False)
+        for k, ax in enumerate(grid.ravel()):
+            if k < panels:
+                paint(k, ax)
+            else:
+                ax.set_axis_off()
+    return figure
+
+
+def _curves(data: xr.Dataset, observable: str, names: Sequence[str], axis: str, ax: Axes) -> None:
+    """One observable against one number, a line per state."""
+    x, x_label = _axis(data, axis)
+    unit = DISPLAY[data[names[0]].attrs["kind"]]
+    ends: dict[Status, Any] = {}
+    for k, name in enumerate(names):
+        status = np.asarray(data[data[name].attrs["status"]])
+        values = np.where(status == Status.OK, np.asarray(data[name]), np.nan) / unit[1]
+        state = data[name].attrs["long_name"].partition(" at ")[2]
+        colour = COLOURS[k % len(COLOURS)]
+        label = state if len(names) > 1 else None
+        ax.plot(x, values, color=colour, linestyle=LINES[k % len(LINES)], label=label)
+        if len(names) == 1:
+            ends |= _shade(ax, x, status)
+            continue
+        # Several lines end at several places: each says itself why.
+        for i in range(len(x) - 1):
+            before, after = status[i], status[i + 1]
+            if (before == Status.OK) != (after == Status.OK):
+                kind, at = (after, i) if before == Status.OK else (before, i + 1)
+                marker = {Status.NO_CONTACT: "o", Status.BEYOND_LIMIT: "X"}.get(Status(int(kind)), "s")
+                (point,) = ax.plot(x[at], values[at], marker, color=colour, markersize=5)
+                ends.setdefault(Status(int(kind)), point)
+    ax.set_xlim(x[0], x[-1])
+    if data[axis].size > 2 and _is_log(x):
+        ax.set_xscale("log")
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(_words(observable, unit[0]))
+    if state and len(names) == 1:
+        ax.set_title(f"at {state}", loc="left")
+    handles, labels = ax.get_legend_handles_labels()
+    handles, labels = handles + list(ends.values()), labels + [status_words(s) for s in ends]
+    if handles:
+        ax.legend(handles, labels)
+
+
+def _shade(ax: Axes, x: np.ndarray, status: np.ndarray) -> dict[Status, Any]:
+    """Hatched spans where there is no answer; returns what the legend names."""
+    middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    for kind in [s for s in Status if s != Status.OK and np.any(status == s)]:
+        for i in np.flatnonzero(status == kind):
+            ax.axvspan(middles[i], middles[i + 1], facecolor=HATCH_FACE, edgecolor="none", zorder=0)
+        edges = np.diff(np.concatenate([[0], status == kind, [0]]).astype(int))
+        for low, high in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+            look = {"facecolor": "none", "edgecolor": HATCH_EDGE, "hatch": HATCHES[kind], "linewidth": 0.0, "zorder": 0}
+            ax.axvspan(middles[low], middles[high], **look)
+    return {s: _patch(s) for s in HATCHES if np.any(status == s)}
+
+
+def _map(data: xr.Dataset, name: str, axes: Sequence[str], ax: Axes) -> None:
+    """One quantity over two numbers."""
+    (x, x_label), (y, y_label) = _axis(data, axes[0]), _axis(data, axes[1])
+    order = (axes[1], axes[0])
+    label, unit = DISPLAY[data[name].attrs["kind"]]
+    status = np.asarray(data[data[name].attrs["status"]].transpose(*order))
+    values = np.where(status == Status.OK, np.asarray(data[name].transpose(*order)), np.nan) / unit
+    mesh = ax.pcolormesh(x, y, values, shading="nearest", cmap="viridis", rasterized=True)
+    kinds = [s for s in HATCHES if np.any(status == s)]
+    for kind in kinds:
+        ax.contourf(x, y, (status == kind).astype(float), [0.5, 1.5], colors=[HATCH_FACE], zorder=2)
+        with mpl.rc_context({"hatch.color": HATCH_EDGE, "hatch.linewidth": 0.6}):
+            ax.contourf(
+                x, y, (status == kind).astype(float), [0.5, 1.5], colors="none", hatches=[HATCHES[kind]], zorder=3
+            )
+    if np.any(np.isfinite(values)):
+        bar = ax.figure.colorbar(mesh, ax=ax)
+        bar.set_label(label or "", rotation=90)
+    ax.set_xlim(x[0], x[-1])
+    ax.set_ylim(y[0], y[-1])
+    if _is_log(x):
+        ax.set_xscale("log")
+    if _is_log(y):
+        ax.set_yscale("log")
+    ax.set_xlabel(x_label)
+    ax.set_ylabel(y_label)
+    ax.set_title(data[name].attrs["long_name"], loc="left", pad=18 if kinds else None)
+    if kinds:
+        ax.legend(
+            [_patch(s) for s in kinds],
+            [status_words(s) for s in kinds],
+            loc="lower left",
+            bbox_to_anchor=(0, 1),
+            ncols=len(kinds),
+            borderaxespad=0.1,
+        )
+
+
+def elasticities(data: xr.Dataset) -> Figure:
+    """Bars of the elasticities of a sensitivity analysis: a panel per quantity, the strongest number on top."""
+    quantities = [str(v) for v in data["quantity"].values]
+    numbers = [str(v) for v in data["by"].values]
+    rows = -(-len(quantities) // 2)
+    columns = min(len(quantities), 2)
+    with mpl.rc_context(STYLE):
+        height = rows * (0.18 * len(numbers) + 0.6) + 0.3
+        figure = Figure(figsize=(WIDTH * (0.6 if columns == 1 else 1.0), height))
+        grid = figure.subplots(rows, columns, squeeze=False)
+        for ax, quantity in zip(grid.ravel(), quantities, strict=False):
+            values = np.nan_to_num(np.asarray(data["elasticity"].sel(quantity=quantity)))
+            order = np.argsort(np.abs(values), kind="stable")
+            colours = [BLUE if v >= 0 else VERMILION for v in values[order]]
+            ax.barh([numbers[k] for k in order], values[order], color=colours, height=0.7)
+            ax.axvline(0, color="black", linewidth=0.8)
+            ax.margins(x=0.18)
+            ax.bar_label(ax.containers[0], fmt="%+.2f", padding=2, fontsize=7)  # type: ignore[arg-type]
+            ax.set_title(quantity, loc="left")
+        for ax in grid.ravel()[len(quantities) :]:
+            ax.set_axis_off()
+        for ax in grid.ravel()[max(0, len(quantities) - columns) : len(quantities)]:
+            ax.set_xlabel("elasticity: % change per % of each number")
+    return figure
+
+
+def status_words(status: Status) -> str:
+    """A status as the legend names it."""
+    return status.name.lower().replace("_", " ")
+
+
+def _patch(status: Status) -> Patch:
+    return Patch(facecolor=HATCH_FACE, edgecolor=HATCH_EDGE, hatch=HATCHES[status], linewidth=0.4)
+
+
+def _axis(data: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
+    label, unit = DISPLAY[data[name].attrs["kind"]]
+    return np.asarray(data[name]) / unit, _words(name, label)
+
+
+def _words(name: str, unit: str) -> str:
+    words = name.replace("_", " ") if "." not in name else name
+    return f"{words} ({unit})" if unit else words
+
+
+def _is_log(x: np.ndarray) -> bool:
+    """True for values that are evenly spaced in their logarithm."""
+    if len(x) < 3 or x[0] <= 0:
+        return False
+    ratios = x[1:] / x[:-1]
+    return bool(np.ptp(ratios) < 1e-9 * ratios[0] and ratios[0] > 1 + 1e-6)

@@ -1,0 +1,135 @@
+"""What the sections of a config that vary scenes have in common: numbers and quantities by keys with their unit.
+
+    "shell.a_mm"             the a of the shell, in mm; of every scene that has it, where there are several scenes
+    "grasp.shell.a_mm"       of the scene [scenes.grasp]
+    ["grasp.gripper.finger.L_mm", "free.finger.L_mm"]      several that move as one
+
+    "force_N", "tip.x_mm"        a quantity of the one scene; "grasp.force_N" where there are several
+    "pressure_kPa", "limit_margin", "limit_pressure_kPa"    see `softgrip_jax.quantities`
+
+The state of a quantity, `at`: "required" (the pressure that the scene's own task needs), or as [solve] asks,
+{ pressure_kPa = 31 } or { force_N = 2 }; "limit_pressure_kPa" needs none.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import pydantic
+
+from . import config as configs
+from .errors import ConfigError
+from .leaves import Scenes
+from .quantities import LIMIT_PRESSURE, REQUIRED, Quantity, State, observables_of
+from .scene import Scene
+from .units import DISPLAY, unit_key
+
+
+class Table(pydantic.BaseModel):
+    """A table of a config: no unknown keys, no conversions."""
+
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class Varied(NamedTuple):
+    """A number that varies, as a config names it."""
+
+    key: str
+    name: str
+    """As `softgrip_jax.leaves` takes it, tied ones joined by '='."""
+    kind: str
+    rule: str
+
+    @property
+    def unit(self) -> float:
+        """Of the key, in SI."""
+        return DISPLAY[self.kind][1]
+
+    def checked(self, value: Any, what: str, where: str) -> float:
+        """A number in the unit of the key as SI; a ConfigError where the field does not take it."""
+        return float(configs.read_numbers(value, f"{where}: {what} of {self.key}", self.rule, self.kind, [""]))
+
+
+def varied(scenes: Scenes, keys: str | list[str], where: str) -> Varied:
+    """The number that a key names, or several tied ones."""
+    keys = [keys] if isinstance(keys, str) else keys
+    if not keys:
+        raise ConfigError(f"{where}: a list of tied numbers is empty.")
+    found = [leaf for key in keys for leaf in _leaves(scenes, key, where)]
+    if len({leaf.kind for _, leaf in found}) != 1:
+        raise ConfigError(f"{where}: {' and '.join(keys)} are tied; they must be of the same unit.")
+    names = [".".join(leaf.names if len(scenes) == 1 else (scene, *leaf.names)) for scene, leaf in found]
+    return Varied(keys[0], " = ".join(names), found[0][1].kind, found[0][1].rule)
+
+
+def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.Leaf]]:
+    head, _, rest = key.partition(".")
+    if len(scenes) > 1 and head in scenes and rest:
+        return [(head, configs.leaf(scenes[head], rest, where))]
+    found, faults = [], []
+    for name, scene in scenes.items():
+        try:
+            found.append((name, configs.leaf(scene, key, where)))
+        except ConfigError as error:
+            faults.append(error)
+    if not found:
+        if len(scenes) == 1:
+            raise faults[0]
+        raise ConfigError(f"{where}: no scene has a number {key!r}; the scenes are {', '.join(scenes)}.")
+    return found
+
+
+def quantity(scenes: Scenes, key: str, at: Any, where: str) -> tuple[Quantity, float]:
+    """The quantity that a key and a state name, and the unit of the key in SI."""
+    scene_name, key = _scene_of(scenes, key, where)
+    scene = scenes[scene_name]
+    kinds = observables_of(scene) | {LIMIT_PRESSURE: "pressure"}
+    keys = {unit_key(name, kind): name for name, kind in kinds.items()}
+    if key not in keys:
+        raise ConfigError(f"{where}: there is no quantity {key!r}; it must be one of {', '.join(keys)}.")
+    name = keys[key]
+    if name == LIMIT_PRESSURE and at is not None:
+        raise ConfigError(f"{where}: {key} belongs to the scene, not to a state of it; leave out at.")
+    state = None if name == LIMIT_PRESSURE else state_of(scene, key, at, where)
+    return Quantity(name, state, scene_name), DISPLAY[kinds[name]][1]
+
+
+def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:
+    """(scene, key without it)."""
+    if len(scenes) == 1:
+        return next(iter(scenes)), key
+    head, _, rest = key.partition(".")
+    if head not in scenes or not rest:
+        raise ConfigError(f"{where}: {key!r} names no scene; begin it with one of {', '.join(scenes)} and a dot.")
+    return head, rest
+
+
+def state_of(scene: Scene, key: str, at: Any, where: str) -> State:
+    """A state as a config gives it."""
+    if at == REQUIRED:
+        try:
+            scene.target()
+        except ValueError as error:
+            raise ConfigError(f"{where}: {key} at 'required': {error}") from None
+        return REQUIRED
+    kinds = {name: kind for name, kind in type(scene).OBSERVABLES.items() if kind != "position"}
+    keys = {unit_key(name, kind): (name, kind) for name, kind in (kinds | {"pressure": "pressure"}).items()}
+    if not isinstance(at, dict) or len(at) != 1 or next(iter(at)) not in keys:
+        raise ConfigError(
+            f"{where}: {key} is asked at {at!r}; at must be 'required', {{ pressure_kPa = 31 }}, or one observable "
+            f"and its value ({', '.join(keys)})."
+        )
+    [(name, value)] = at.items()
+    name, kind = keys[name]
+    rule = "positive" if name == "pressure" else "finite"
+    wanted = float(configs.read_numbers(value, f"{where}: at", rule, kind, [""]))
+    return wanted if name == "pressure" else (name, wanted)
+
+
+def states_of(at: Any) -> list[Any]:
+    """{ pressure_kPa = [10, 20] } as two states; others as they are."""
+    if isinstance(at, dict) and len(at) == 1:
+        [(name, value)] = at.items()
+        if isinstance(value, list):
+            return [{name: one} for one in value]
+    return [at]

@@ -1,0 +1,117 @@
+"""Sets of designs: any rows of a set on demand, so that a set of any size takes little memory."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from ..leaves import SCALES, between, require_range
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """Bounds of one variable in SI, to be filled evenly, or evenly in the logarithm (scale "log")."""
+
+    low: float
+    high: float
+    scale: str = "linear"
+
+    def __post_init__(self) -> None:
+        require_range("a variable of the study", self.low, self.high, self.scale)
+
+    def points(self, n: int) -> np.ndarray:
+        """n values from low to high, both included."""
+        return between(np.linspace(0.0, 1.0, n), self.low, self.high, self.scale == SCALES[1])
+
+
+class Designs(abc.ABC):
+    """Rows of SI values, one column per varied number."""
+
+    shape: tuple[int, ...]
+    """(number of designs,), or the lengths of the axes of a grid."""
+    columns: int
+
+    @property
+    def count(self) -> int:
+        return int(np.prod(self.shape))
+
+    @abc.abstractmethod
+    def rows(self, start: int, stop: int) -> np.ndarray:
+        """Designs start to stop - 1; the same numbers whatever was asked before."""
+
+
+class Grid(Designs):
+    """Every combination of the values of each axis; the last axis runs fastest."""
+
+    def __init__(self, axes: Sequence[np.ndarray]):
+        self.axes = [np.asarray(axis, dtype=float) for axis in axes]
+        if not self.axes or any(axis.ndim != 1 or axis.size == 0 for axis in self.axes):
+            raise ValueError("A grid needs a list of values for every variable.")
+        self.shape, self.columns = tuple(axis.size for axis in self.axes), len(self.axes)
+
+    def rows(self, start, stop):
+        places = np.unravel_index(np.arange(start, stop), self.shape)
+        return np.stack([axis[place] for axis, place in zip(self.axes, places, strict=True)], axis=1)
+
+
+class Samples(Designs):
+    """Points of the unit cube, spread over ranges."""
+
+    def __init__(self, ranges: Sequence[Range], count: int, seed: int = 0):
+        if count < 1:
+            raise ValueError(f"The number of samples is {count}; it must be 1 or more.")
+        self.ranges, self.seed = list(ranges), seed
+        self.shape, self.columns = (count,), len(self.ranges)
+
+    def rows(self, start, stop):
+        low, high = np.array([(r.low, r.high) for r in self.ranges]).T
+        return between(self.unit(start, stop), low, high, np.array([r.scale == "log" for r in self.ranges]))
+
+    @abc.abstractmethod
+    def unit(self, start: int, stop: int) -> np.ndarray:
+        """Points start to stop - 1 in the unit cube."""
+
+
+class Sobol(Samples):
+    """A scrambled Sobol sequence (Owen): even in every projection; best at powers of two."""
+
+    def unit(self, start, stop):
+        sequence = qmc.Sobol(self.columns, rng=self.seed)
+        if start:
+            sequence.fast_forward(start)
+        with warnings.catch_warnings():
+            # A part of the sequence is never a power of two long; the whole is what counts.
+            warnings.filterwarnings("ignore", message="The balance properties of Sobol")
+            return sequence.random(stop - start)
+
+
+class LatinHypercube(Samples):
+    """Each variable is cut into as many slices as there are samples, each slice hit once (McKay 1979).
+
+    The permutations of all slices are made at once and kept: 8 bytes per number.
+    """
+
+    _points: np.ndarray | None = None
+
+    def unit(self, start, stop):
+        if self._points is None:
+            self._points = qmc.LatinHypercube(self.columns, rng=self.seed).random(self.count)
+        return self._points[start:stop]
+
+
+class Table(Designs):
+    """Designs as they are given, one per row."""
+
+    def __init__(self, values: np.ndarray):
+        self.values = np.atleast_2d(np.asarray(values, dtype=float))
+        if self.values.size == 0:
+            raise ValueError("The table of designs is empty.")
+        self.shape, self.columns = (len(self.values),), self.values.shape[1]
+
+    def rows(self, start, stop):
+        return self.values[start:stop]
