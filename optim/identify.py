@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 
 import softgrip_jax as sg
-from softgrip_jax.materials import Material
 from softgrip_jax.scene import Scene
 
 from .calibrate import Fit
 from .curve_files import Curve
 from .fitting import Fitting
-from .tension import Tension
+from .tension import Tension, material_of
 from .variables import Variable
 
 UNKNOWN = 0.3
@@ -171,19 +170,12 @@ def candidates(fit: Fit) -> list[tuple[str, np.ndarray]]:
                 if type(scene) not in have | seen:
                     seen.add(type(scene))
                     found += [(words, rows) for rows in [_rows(fit, name, part, scene, x)] if rows is not None]
-        material = _material(model)
+        material = material_of(model)
         if material is not None and Tension not in have | seen:
             seen.add(Tension)
             rows = _rows(fit, name, "material", Tension(material), np.linspace(*STRAINS, ASSUMED_POINTS))
             found += [("a tension test of the material", rows)] if rows is not None else []
     return found
-
-
-def _material(model: Any) -> Material | None:
-    for owner in (model, getattr(model, "shell", None), getattr(model, "finger", None)):
-        if isinstance(getattr(owner, "material", None), Material):
-            return getattr(owner, "material", None)
-    return None
 
 
 def _rows(fit: Fit, name: str, part: str, model: Any, x: np.ndarray) -> np.ndarray | None:
@@ -206,9 +198,8 @@ def _rows(fit: Fit, name: str, part: str, model: Any, x: np.ndarray) -> np.ndarr
         start += size
     if not variables:
         return None
-    quantity, kind, component = ("stress", "pressure", None), None, None
     if isinstance(model, Tension):
-        quantity, kind = "stress", "pressure"
+        quantity, kind, component = "stress", "pressure", None
     else:
         quantity, kind = next(iter(type(model).OBSERVABLES.items()))
         component = 1 if kind == "position" else None

@@ -1,7 +1,8 @@
 """`softgrip design CONFIG.toml`: search, a table of the best designs, and a folder that keeps everything.
 
-The folder: config.toml as given, best.toml (what `softgrip solve` accepts), designs.csv, history.csv, result.json,
-before_after.png, convergence.png. It appears complete or not at all, and never replaces another.
+The folder: config.toml as given (with the parts that stood in other files), best.toml (what `softgrip solve` accepts),
+designs.csv, history.csv, result.json, before_after.png, convergence.png. It appears complete or not at all, and never
+replaces another.
 """
 
 from __future__ import annotations
@@ -49,8 +50,8 @@ SHOWN = 5
 
 def run_design(config: Path, out: Path | None, console: Console) -> Path:
     """Search as the config says, print what was found, and return the folder that holds it."""
-    given = config.read_bytes() if config.is_file() else b""
     read = configs.load(config)
+    given = configs.standalone(config)
     wanted = settings.read(read)
     with new_folder(out, config.stem) as (folder, final):
         result = _search_with_progress(wanted, console)

@@ -12,7 +12,7 @@ is an extrapolation, and `softening` says where it would go wrong.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -171,3 +171,12 @@ def softening(material: Material, strain: float) -> list[Softening]:
         if falling.any():
             found.append(Softening(mode, float(stretches[int(np.argmax(falling))]) - 1))
     return found
+
+
+def material_of(model: Any) -> Material | None:
+    """The material of a scene's actuator, or of a test."""
+    for owner in (model, getattr(model, "shell", None), getattr(model, "finger", None)):
+        if isinstance(getattr(owner, "material", None), Material):
+            return owner.material
+    gripper = getattr(model, "gripper", None)
+    return None if gripper is None else material_of(gripper)

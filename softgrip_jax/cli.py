@@ -111,6 +111,20 @@ def design(
 
 
 @app.command()
+def calibrate(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [calibrate], or with a [tension].")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+) -> None:
+    """Fit mu, or any other numbers, to measured curves; or materials to a tension test.
+
+    softgrip calibrate configs/calibrate_shell.toml
+    """
+    from optim.calibrate_run import run_calibrate
+
+    run_calibrate(config, out, Console())
+
+
+@app.command()
 def sweep(
     config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [sweep].")],
     out: Annotated[

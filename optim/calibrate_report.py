@@ -1,0 +1,197 @@
+"""What a fit says to people: tables of parameters and curves, and sentences about how far to trust them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from scipy import stats
+
+from softgrip_jax.results import in_units
+
+from .calibrate import Fit, Specimens, by_specimen, held_out, implausible
+from .identify import Direction, unknown_directions
+from .intervals import Intervals, intervals
+
+NOT_DETERMINED = 3.0
+"""An interval that spans more than e^3 = 20 fold each way (log parameters; three ranges of linear ones) is none."""
+
+CORRELATED = 0.95
+"""Parameters more correlated than this are named."""
+
+WORDS = {"gauss_newton": "95 % interval", "bootstrap": "95 %, bootstrap", "profile": "95 %, profile"}
+
+SYSTEMATIC, SYSTEMATIC_POINTS = 0.6, 8
+"""Errors of neighbouring points this much correlated (in curves of so many points) are the model's, not noise: of
+independent ones, eight exceed it in one case of thirty."""
+
+UNLIKELY = 0.01
+"""A sum of squares as large as this or less likely by the stated noise is not explained by it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """All that is told of a fit."""
+
+    fit: Fit
+    intervals: tuple[Intervals, ...]
+    held_out: Mapping[str, tuple[np.ndarray, float]]
+    specimens: Specimens | None
+    directions: tuple[Direction, ...]
+    remarks: tuple[str, ...]
+    """In sentences: what was left out, what looks odd, how far to trust it."""
+
+
+def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int) -> Findings:
+    """Intervals, held-out errors, specimens and verdicts of a fit."""
+    directions = unknown_directions(fit)
+    found = tuple(intervals(fit, method, repeats, seed) for method in methods)
+    without, specimens = held_out(fit), by_specimen(fit)
+    remarks = [note for curve in fit.fitting.curves for note in curve.notes]
+    remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
+    remarks += [*_on_bounds(fit), *_misfit(fit), *_correlated(fit, directions), *_spread(fit, specimens)]
+    remarks += [direction.sentence() for direction in directions]
+    if not directions:
+        remarks.append(
+            "The data determine every parameter." if fit.fitting.space.size > 1 else "The data determine the parameter."
+        )
+    return Findings(fit, found, without, specimens, tuple(directions), tuple(dict.fromkeys(remarks)))
+
+
+def report(findings: Findings, console: Console) -> None:
+    """Print it."""
+    fit = findings.fit
+    console.print(parameter_table(findings))
+    console.print(curve_table(findings))
+    space = fit.fitting.space
+    if space.size > 1 and not findings.directions:
+        pairs = [
+            f"{space.names[i]} with {space.names[j]} {fit.correlation[i, j]:+.2f}"
+            for i in range(space.size)
+            for j in range(i)
+        ]
+        console.print(f"Correlations: {', '.join(pairs)}.", soft_wrap=True)
+    for remark in findings.remarks:
+        console.print(remark, soft_wrap=True, highlight=False)
+
+
+def parameter_table(findings: Findings) -> Table:
+    """Start, fit and intervals."""
+    fit, space = findings.fit, findings.fit.fitting.space
+    table = Table(title="parameters", title_justify="left")
+    for heading in ("", "start", "fit", *(WORDS[i.method] for i in findings.intervals)):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for j, (name, kind) in enumerate(zip(space.names, space.kinds, strict=True)):
+        ends = [interval_text(fit, one, j) for one in findings.intervals]
+        table.add_row(name, in_units(space.reference[j], kind), in_units(fit.x[j], kind), *ends)
+    return table
+
+
+def interval_text(fit: Fit, one: Intervals, j: int) -> str:
+    """'170.2 to 178.1 kPa', or why there is none."""
+    if fit.on_bound[j] and one.method == "gauss_newton":
+        return "on its bound"
+    if not is_determined(fit, j):
+        return "not determined"
+    kind = fit.fitting.space.kinds[j]
+    low, high = (in_units(end, kind) if np.isfinite(end) else "open" for end in (one.low[j], one.high[j]))
+    return f"{low} to {high}"
+
+
+def is_determined(fit: Fit, j: int) -> bool:
+    """Whether the interval of a parameter says anything."""
+    return bool(fit.quantile * fit.deviation[j] < NOT_DETERMINED)
+
+
+def curve_table(findings: Findings) -> Table:
+    """How well each curve is met."""
+    fit = findings.fit
+    table = Table(title="curves", title_justify="left")
+    columns = ("", "points", "noise", "RMS error", "of the largest value")
+    for heading in (*columns, *(["error when kept out"] if findings.held_out else [])):
+        table.add_column(heading, justify="left" if not heading else "right")
+    for k, curve in enumerate(fit.fitting.curves):
+        used = int((fit.used & (fit.fitting.of_curve == k)).sum())
+        sigma = in_units(float(f"{float(fit.lane.sigma[k]):.3g}"), curve.kind)
+        noise = f"{sigma}, {'stated' if curve.noise else 'estimated'}" if curve.fit else "-"
+        rmse = fit.rmse(k)
+        row = [f"{curve.name}: {curve.label}", f"{used} of {len(curve.x)}" if curve.fit else "predicted", noise]
+        row += [in_units(float(f"{rmse:.3g}"), curve.kind), f"{rmse / curve.size:.2%}"]
+        if findings.held_out:
+            without = findings.held_out.get(curve.name)
+            row.append("-" if without is None else in_units(float(f"{without[1]:.3g}"), curve.kind))
+        table.add_row(*row)
+    return table
+
+
+# --- verdicts ---------------------------------------------------------------------------------------------------------
+
+
+def _on_bounds(fit: Fit) -> list[str]:
+    space = fit.fitting.space
+    held = [space.names[j] for j in np.flatnonzero(fit.on_bound)]
+    return [f"{name} is held by a bound: widen it, or ask whether the model or a unit is wrong." for name in held]
+
+
+def autocorrelation(fit: Fit, k: int) -> float:
+    """Of the errors of neighbouring points of a curve, along pressure or strain, averaged over its specimens."""
+    fitting, curve = fit.fitting, fit.fitting.curves[k]
+    of = fitting.of_curve == k
+    specimen = np.zeros(len(curve.x), dtype=int) if curve.specimen is None else curve.specimen
+    top = bottom = 0.0
+    for one in np.unique(specimen):
+        own = (specimen == one) & fit.used[of]
+        errors = fit.errors[of][own][np.argsort(curve.x[own], kind="stable")]
+        top += float(errors[1:] @ errors[:-1])
+        bottom += float(errors @ errors)
+    return top / bottom if bottom > 0 else 0.0
+
+
+def _misfit(fit: Fit) -> list[str]:
+    said = []
+    for k, curve in enumerate(fit.fitting.curves):
+        count = int((fit.used & (fit.fitting.of_curve == k)).sum())
+        if not curve.fit or count == 0:
+            continue
+        if curve.noise is not None and fit.fitting.loss == "linear":
+            mean = fit.chi_square(k)
+            freedom = max(count - fit.fitting.space.size, 1)
+            if stats.chi2.sf(mean * count, freedom) < UNLIKELY:
+                said.append(
+                    f"{curve.name}: the errors are {np.sqrt(mean):.2g} times the stated noise, so the model does not "
+                    "follow the curve to within it; the intervals, which take the model as right, are too narrow."
+                )
+        if count >= SYSTEMATIC_POINTS and autocorrelation(fit, k) > SYSTEMATIC:
+            said.append(
+                f"{curve.name}: the errors of neighbouring points go together (correlation "
+                f"{autocorrelation(fit, k):.2f}): they are the model's rather than noise, and the intervals, which "
+                "know of noise alone, are too narrow."
+            )
+    return said
+
+
+def _correlated(fit: Fit, directions: Sequence[Direction]) -> list[str]:
+    space, apart = fit.fitting.space, {name for d in directions for name in d.names}
+    return [
+        f"{space.names[i]} and {space.names[j]} are strongly correlated ({fit.correlation[i, j]:+.3f}): quote them "
+        "together."
+        for i in range(space.size)
+        for j in range(i)
+        if abs(fit.correlation[i, j]) > CORRELATED and not {space.names[i], space.names[j]} <= apart
+    ]
+
+
+def _spread(fit: Fit, specimens: Specimens | None) -> list[str]:
+    if specimens is None:
+        return []
+    said, space = [], fit.fitting.space
+    for j, (name, kind) in enumerate(zip(space.names, space.kinds, strict=True)):
+        values = ", ".join(
+            f"{one} {in_units(x, kind)}" for one, x in zip(specimens.names, specimens.x[:, j], strict=True)
+        )
+        low, high = in_units(specimens.low[j], kind), in_units(specimens.high[j], kind)
+        said.append(f"{name} by specimen: {values}; 95 % interval of their mean {low} to {high}.")
+    return said

@@ -1,0 +1,212 @@
+"""`softgrip calibrate CONFIG.toml`: parameters from measured curves, in a folder that keeps everything.
+
+The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
+[material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
+result.json, fit.png. It appears complete or not at all, and never replaces another.
+
+A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `tension_run.py`.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import platform
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import tomli_w
+from rich.console import Console
+
+import softgrip_jax as sg
+from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
+from softgrip_jax.materials import Material
+from softgrip_jax.units import DISPLAY, unit_key
+
+from . import calibrate_settings as settings
+from .calibrate import Fit, calibrate
+from .calibrate_report import Findings, autocorrelation, examine, is_determined, report
+from .curve_files import Curve
+from .run import new_folder
+from .tension import material_of
+from .tension_run import run_tension
+
+
+def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
+    """Fit as the config says, print what was found, and return the folder that holds it."""
+    if "tension" in configs.read_sections(config):
+        return run_tension(config, out, console)
+    read = configs.load(config)
+    given = configs.standalone(config)
+    wanted = settings.read(read)
+    table = wanted.table
+    with new_folder(out, config.stem) as (folder, final):
+        try:
+            with console.status("fitting"):
+                fit = calibrate(wanted.fitting, table.starts, table.seed)
+                findings = examine(fit, table.intervals, table.repeats, table.seed)
+        except ConfigError:
+            raise
+        except ValueError as error:
+            raise ConfigError(f"{config}, [calibrate]: {error}") from None
+        _write(folder, given, read, findings)
+    report(findings, console)
+    console.print(f"The fit is in {final}. Next: softgrip solve {final / 'calibrated.toml'}", soft_wrap=True)
+    return final
+
+
+def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings) -> None:
+    fit = findings.fit
+    (folder / "config.toml").write_bytes(given)
+    modules = fit.modules()
+    scenes = {name: modules[name] for name in read.scenes}
+    comment = provenance(read.path.name) + "\n" + "\n".join(_lines(findings))
+    (folder / "calibrated.toml").write_text(configs.dump(scenes, comment), encoding="utf-8")
+    material = _one_material(scenes)
+    if material is not None:
+        (folder / "material.toml").write_text(material_text(material, comment), encoding="utf-8")
+    write_points(folder / "points.csv", fit)
+    (folder / "result.json").write_text(json.dumps(_summary(findings), indent=2), encoding="utf-8")
+    draw(fit, folder / "fit.png")
+
+
+def provenance(name: str) -> str:
+    """The first line of what a calibration writes."""
+    return f"Fitted to measured curves by softgrip_jax {sg.__version__}, as {name} says."
+
+
+def material_text(material: Material, comment: str) -> str:
+    """A file with the section [material], for `material = "..."` in a config."""
+    table = {"material": configs.to_table(material, (Material,))}
+    return "".join(f"# {line}\n" for line in comment.splitlines()) + tomli_w.dumps(table)
+
+
+def _one_material(scenes: dict[str, Any]) -> Material | None:
+    """The material of all the scenes; None where they differ."""
+    found = [material_of(scene) for scene in scenes.values()]
+    if any(m is None or str(m) != str(found[0]) for m in found):
+        return None
+    return found[0]
+
+
+def _lines(findings: Findings) -> list[str]:
+    """One line per parameter: what a file with fitted numbers should say of them."""
+    fit, lines = findings.fit, []
+    for j, (name, kind) in enumerate(zip(fit.fitting.space.names, fit.fitting.space.kinds, strict=True)):
+        unit = DISPLAY[kind][1]
+        text = f"{unit_key(name, kind)} = {fit.x[j] / unit:.6g}"
+        for one in findings.intervals:
+            ends = f"{one.low[j] / unit:.6g} to {one.high[j] / unit:.6g}"
+            text += f", 95 % {ends} ({one.method})" if is_determined(fit, j) else ", not determined by the data"
+        lines.append(text)
+    return lines
+
+
+def write_points(path: Path, fit: Fit) -> None:
+    """Every point: measured, fitted, error, whether it was used; in the units of people."""
+    fitting = fit.fitting
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["curve", "specimen", "pressure_kPa", "strain", "quantity", "unit", *COLUMNS])
+        for k, curve in enumerate(fitting.curves):
+            label, unit = curve.unit
+            of = np.flatnonzero(fitting.of_curve == k)
+            for i, at in enumerate(of):
+                specimen = "" if curve.specimen is None else curve.specimens[curve.specimen[i]]
+                x = ("", curve.x[i]) if curve.quantity == "stress" else (curve.x[i] / DISPLAY["pressure"][1], "")
+                numbers = (curve.y[i] / unit, (curve.y[i] + fit.errors[at]) / unit, fit.errors[at] / unit)
+                writer.writerow([curve.name, specimen, *x, curve.label, label, *numbers, bool(fit.used[at])])
+
+
+COLUMNS = ("measured", "fitted", "error", "used")
+
+
+def _summary(findings: Findings) -> dict[str, Any]:
+    fit, space = findings.fit, findings.fit.fitting.space
+
+    def plain(values: Any) -> list[float | None]:
+        return [float(v) if np.isfinite(v) else None for v in values]
+
+    def vector(values: Any) -> dict[str, float | None]:
+        return dict(zip(space.names, plain(values), strict=True))
+
+    curves = {}
+    for k, curve in enumerate(fit.fitting.curves):
+        without = findings.held_out.get(curve.name)
+        curves[curve.name] = {
+            "quantity": curve.label,
+            "points": len(curve.x),
+            "used": int((fit.used & (fit.fitting.of_curve == k)).sum()),
+            "noise": float(fit.lane.sigma[k]) if curve.fit else None,
+            "noise_stated": curve.noise is not None,
+            "rmse": plain([fit.rmse(k)])[0],
+            "rmse_when_kept_out": None if without is None else plain([without[1]])[0],
+            "parameters_without_it": None if without is None else vector(without[0]),
+            "autocorrelation": autocorrelation(fit, k),
+        }
+    specimens = findings.specimens
+    return {
+        "units": "SI",
+        "parameters": vector(fit.x),
+        "start": vector(space.reference),
+        "intervals": {one.method: {"low": vector(one.low), "high": vector(one.high)} for one in findings.intervals},
+        "correlation": [plain(row) for row in fit.correlation],
+        "on_bound": [space.names[j] for j in np.flatnonzero(fit.on_bound)],
+        "curves": curves,
+        "specimens": None if specimens is None else dict(zip(specimens.names, map(vector, specimens.x), strict=True)),
+        "not_told_apart": [list(d.names) for d in findings.directions],
+        "remarks": list(findings.remarks),
+        "loss": fit.fitting.loss,
+        "steps": fit.steps,
+        **made(),
+    }
+
+
+def made() -> dict[str, Any]:
+    """When and by what."""
+    return {
+        "finished": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
+        "versions": {
+            "softgrip_jax": sg.__version__,
+            "jax": jax.__version__,
+            "numpy": np.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def draw(fit: Fit, path: Path) -> None:
+    """Data, fit and interval of every curve."""
+    # matplotlib takes a second to load: only a run that draws waits for it.
+    from softgrip_jax import plots
+
+    panels = []
+    for k, curve in enumerate(fit.fitting.curves):
+        label, unit = curve.unit
+        is_test = curve.quantity == "stress"
+        x_unit = 1.0 if is_test else DISPLAY["pressure"][1]
+        x, y, half = fit.band(k)
+        line = plots.Line("fit, 95 %" if curve.fit else "predicted, 95 %", x / x_unit, y / unit, half / unit)
+        used = (fit.used | (not curve.fit))[fit.fitting.of_curve == k]
+        title = f"{curve.name} (RMS error {float(f'{fit.rmse(k) / unit:.2g}'):g} {label})"
+        x_label = "engineering strain" if is_test else "pressure (kPa)"
+        panels.append(
+            plots.Panel(title, x_label, f"{curve.label} ({label})", _points(curve, used, x_unit, unit), [line])
+        )
+    plots.measured_and_fitted(panels).savefig(path)
+
+
+def _points(curve: Curve, used: np.ndarray, x_unit: float, unit: float) -> list[Any]:
+    from softgrip_jax import plots
+
+    if curve.specimen is None:
+        return [plots.Points("measured", curve.x / x_unit, curve.y / unit, used)]
+    found = []
+    for k, name in enumerate(curve.specimens):
+        own = curve.specimen == k
+        found.append(plots.Points(name, curve.x[own] / x_unit, curve.y[own] / unit, used[own]))
+    return found

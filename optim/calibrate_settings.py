@@ -1,0 +1,193 @@
+"""The section [calibrate] of a config: which numbers are sought, and the measured curves that they shall explain.
+
+    [[calibrate.parameters]]                  [[calibrate.curves]]
+    name = "shell.material.mu_kPa"            name = "free inflation"
+    low = 50                                  file = "free.csv"       # beside the config; a list: several specimens
+    high = 500                                pressure = { column = "p", unit = "bar" }
+    scale = "log"                             measured = { quantity = "inflation", column = "h", unit = "mm" }
+
+Bounds are in the unit of the name. `scene` names the scene of a curve where there are several ([scenes.NAME]);
+`noise` in `measured` states a standard deviation, in the column's unit, and without it the noise is estimated;
+`fit = false` predicts a curve from the others. A tension test has `strain` in place of `pressure`, and the quantity
+"stress": its material is that of the scene.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pydantic
+
+from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
+from softgrip_jax.sections import Table, varied
+
+from .calibrate import STARTS
+from .curve_files import UNITS, Column, Curve, check_pressures, read_columns
+from .fitting import LOSSES, Fitting
+from .intervals import METHODS, REPEATS
+from .tension import Tension, material_of
+from .variables import Variable
+
+TEST = "tension test"
+"""What the model of a tension test is called, with the name of its scene: no attribute has such a name."""
+
+
+class ColumnTable(Table):
+    column: str
+    unit: str
+
+
+class MeasuredTable(ColumnTable):
+    quantity: str
+    noise: float | None = pydantic.Field(default=None, gt=0)
+
+
+class CurveTable(Table):
+    name: str
+    file: str | list[str]
+    scene: str | None = None
+    pressure: ColumnTable | None = None
+    strain: ColumnTable | None = None
+    measured: MeasuredTable
+    fit: bool = True
+
+
+class ParameterTable(Table):
+    name: str | list[str]
+    low: float
+    high: float
+    scale: Literal["linear", "log"] = "linear"
+
+
+class CalibrateTable(Table):
+    parameters: list[ParameterTable] = pydantic.Field(min_length=1)
+    curves: list[CurveTable] = pydantic.Field(min_length=1)
+    loss: Literal[tuple(LOSSES)] = "linear"  # type: ignore[valid-type]
+    intervals: list[Literal[METHODS]] = ["gauss_newton"]  # type: ignore[valid-type]
+    repeats: int = pydantic.Field(default=REPEATS, ge=100, le=100_000)
+    starts: int = pydantic.Field(default=STARTS, ge=1, le=1024)
+    seed: int = pydantic.Field(default=0, ge=0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """[calibrate] as read."""
+
+    fitting: Fitting
+    table: CalibrateTable
+
+
+def read(config: configs.Config) -> Settings:
+    """The section [calibrate] with its data; raises ConfigError for anything that is wrong in it."""
+    where = f"{config.path}, [calibrate]"
+    if "calibrate" not in config.tables:
+        raise ConfigError(f"{config.path}: there is no section [calibrate] (or [tension]), which says what to fit.")
+    table: CalibrateTable = configs.validated(CalibrateTable, config.tables["calibrate"], where)
+    models: dict[str, Any] = dict(config.scenes)
+    curves = [_curve(models, curve, config, where) for curve in table.curves]
+    names = [curve.name for curve in curves]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"{where}: two curves are called {name!r}; give each a name of its own.")
+    variables = [_variable(config, models, parameter, where) for parameter in table.parameters]
+    try:
+        return Settings(Fitting(models, variables, curves, table.loss), table)
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, where: str) -> Curve:
+    place = f"{where}: curve {table.name!r}"
+    scenes = config.scenes
+    name = table.scene or next(iter(scenes))
+    if name not in scenes or (table.scene is None and len(scenes) > 1):
+        given = "names no scene" if table.scene is None else f"names the scene {table.scene!r}"
+        raise ConfigError(f"{place} {given}; it must be one of {', '.join(scenes)}.")
+    if (table.pressure is None) == (table.strain is None):
+        raise ConfigError(f"{place} must have either pressure (of a scene) or strain (of a tension test).")
+    if table.strain is not None:
+        material = material_of(scenes[name])
+        if material is None:
+            raise ConfigError(f"{place}: the scene {name} has no material that a tension test could be of.")
+        kinds: dict[str, tuple[str, str, int | None]] = {"stress": ("stress", "pressure", None)}
+        model = f"{TEST} {name}"
+        models[model] = Tension(material)
+    else:
+        kinds, model = _quantities(scenes[name]), name
+    wanted = table.measured.quantity
+    if wanted not in kinds:
+        raise ConfigError(f"{place} measures {wanted!r}; it must be one of {', '.join(kinds)}.")
+    quantity, kind, component = kinds[wanted]
+    x_table = table.pressure or table.strain
+    assert x_table is not None
+    x = column(x_table, "number" if table.strain else "pressure", place)
+    y = column(table.measured, kind, place)
+    noise = None if table.measured.noise is None else table.measured.noise * y.factor
+    found = read_specimens(config.path.parent, table.file, table.name, x, y)
+    return Curve(table.name, model, quantity, kind, component=component, noise=noise, fit=table.fit, **found)
+
+
+def _quantities(scene: Any) -> dict[str, tuple[str, str, int | None]]:
+    """What can be measured of a scene: name in the config -> (observable, kind, component)."""
+    found: dict[str, tuple[str, str, int | None]] = {}
+    for name, kind in type(scene).OBSERVABLES.items():
+        if kind == "position":
+            found |= {f"{name}.x": (name, "length", 0), f"{name}.y": (name, "length", 1)}
+        else:
+            found[name] = (name, kind, None)
+    return found
+
+
+def column(table: ColumnTable, kind: str, place: str) -> Column:
+    """The column that a table names; a ConfigError for a unit that its kind of quantity cannot have."""
+    if table.unit not in UNITS[kind]:
+        allowed = ", ".join(UNITS[kind])
+        raise ConfigError(
+            f"{place}: the unit of column {table.column!r} is {table.unit!r}; it must be one of {allowed}."
+        )
+    return Column(table.column, kind, table.unit)
+
+
+def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y: Column) -> dict[str, Any]:
+    """x, y, specimen, specimens and notes of a Curve from one file, or from one per specimen."""
+    files = [file] if isinstance(file, str) else file
+    if not files:
+        raise ConfigError(f"Curve {name!r}: its list of files is empty.")
+    parts, notes = [], []
+    for one in files:
+        data, said = read_columns(folder / one, [x, y])
+        if x.kind == "pressure":
+            said += check_pressures(name, data[:, 0], folder / one)
+        elif np.any(data[:, 0] <= -1):
+            raise ConfigError(
+                f"{folder / one}: a strain of curve {name!r} is {data[:, 0].min():.4g}; it must be above -1."
+            )
+        parts.append(data)
+        notes += said
+    whole = np.concatenate(parts)
+    found: dict[str, Any] = {"x": whole[:, 0], "y": whole[:, 1], "notes": tuple(notes)}
+    if len(files) > 1:
+        found["specimen"] = np.repeat(np.arange(len(files)), [len(part) for part in parts])
+        found["specimens"] = tuple(Path(one).stem for one in files)
+    return found
+
+
+def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTable, where: str) -> Variable:
+    number = varied(config.scenes, table.name, where)
+    low, high = number.checked(table.low, "low", where), number.checked(table.high, "high", where)
+    # A tension test is of the material of its scene: it moves with it.
+    tied = []
+    for path in number.name.split(" = "):
+        parts = path.split(".")
+        scene = parts[0] if parts[0] in config.scenes else next(iter(config.scenes))
+        test = f"{TEST} {scene}"
+        if test in models and "material" in parts:
+            tied.append(".".join([test, *parts[parts.index("material") :]]))
+    try:
+        return Variable(" = ".join([number.name, *tied]), low, high, table.scale)
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from None
