@@ -17,6 +17,9 @@ from .units import kPa
 
 Scalar = Float[Array, ""]
 
+EQUAL = 1e-4
+"""Half the relative distance at which squared stretches are kept: second derivatives keep 1e-8 of accuracy there."""
+
 
 class Material(Checked):
     """A strain energy. A new one needs `energy` and `shear_modulus`."""
@@ -32,6 +35,17 @@ class Material(Checked):
     def stretchable(self, l1: Scalar, l2: Scalar) -> Scalar:
         """A pure number that is positive where the energy exists (1 for materials without a largest stretch)."""
         return jnp.ones_like(l1)
+
+    def sheet_energy(self, trace: Scalar, determinant: Scalar) -> Scalar:
+        """W, J/m^3, of a sheet from tr C and det C, C = F^T F in its plane: lambda^2 are the eigenvalues of C.
+
+        Unlike the stretches these two are smooth in F where the stretches are equal. This works for any energy and
+        keeps squared stretches apart by EQUAL of their mean, which changes W by EQUAL^2 of itself at most.
+        """
+        mean = 0.5 * trace
+        apart = jnp.sqrt(jnp.maximum(mean**2 - determinant, 0.0) + (EQUAL * mean) ** 2)
+        larger = jnp.sqrt(mean + apart)
+        return self.energy(larger, jnp.sqrt(determinant) / larger, 1 / jnp.sqrt(determinant))
 
     def is_stable_at_rest(self) -> Bool[Array, ""]:
         """True where the undeformed material resists every small shear."""
@@ -63,19 +77,34 @@ def _require_stiff(material: Material) -> None:
         )
 
 
-class NeoHookean(Material):
+class InvariantMaterial(Material):
+    """A strain energy of the invariants I_1, I_2 of the thesis's (2.3)."""
+
+    @abc.abstractmethod
+    def of_invariants(self, i1: Scalar, i2: Scalar) -> Scalar:
+        """W, J/m^3, from I_1 - 3 and I_2 - 3."""
+
+    def energy(self, l1, l2, l3):
+        return self.of_invariants(*_invariants(l1, l2, l3))
+
+    def sheet_energy(self, trace, determinant):
+        # The third principal value of C is 1 / det C (incompressibility).
+        return self.of_invariants(trace + 1 / determinant - 3, determinant + trace / determinant - 3)
+
+
+class NeoHookean(InvariantMaterial):
     """W = mu/2 (I_1 - 3), thesis (2.5); Treloar 1943. mu: shear modulus, Pa."""
 
     mu: Scalar = positive("pressure")
 
-    def energy(self, l1, l2, l3):
-        return 0.5 * self.mu * _invariants(l1, l2, l3)[0]
+    def of_invariants(self, i1, i2):
+        return 0.5 * self.mu * i1
 
     def shear_modulus(self):
         return self.mu
 
 
-class MooneyRivlin(Material):
+class MooneyRivlin(InvariantMaterial):
     """W = C_1 (I_1 - 3) + C_2 (I_2 - 3); Mooney 1940. C_1 > 0 and C_2 of either sign, Pa; mu = 2 (C_1 + C_2)."""
 
     c1: Scalar = positive("pressure")
@@ -84,37 +113,34 @@ class MooneyRivlin(Material):
     def __check_init__(self) -> None:
         _require_stiff(self)
 
-    def energy(self, l1, l2, l3):
-        i1, i2 = _invariants(l1, l2, l3)
+    def of_invariants(self, i1, i2):
         return self.c1 * i1 + self.c2 * i2
 
     def shear_modulus(self):
         return 2 * (self.c1 + self.c2)
 
 
-class Yeoh(Material):
+class Yeoh(InvariantMaterial):
     """W = C_1 (I_1 - 3) + C_2 (I_1 - 3)^2 + C_3 (I_1 - 3)^3; Yeoh 1993. C_1 > 0, Pa; mu = 2 C_1."""
 
     c1: Scalar = positive("pressure")
     c2: Scalar = finite("pressure", default=0.0)
     c3: Scalar = finite("pressure", default=0.0)
 
-    def energy(self, l1, l2, l3):
-        i1, _ = _invariants(l1, l2, l3)
+    def of_invariants(self, i1, i2):
         return i1 * (self.c1 + i1 * (self.c2 + i1 * self.c3))
 
     def shear_modulus(self):
         return 2 * self.c1
 
 
-class Gent(Material):
+class Gent(InvariantMaterial):
     """W = -mu J_m / 2 ln(1 - (I_1 - 3) / J_m); Gent 1996. mu: Pa; J_m: the largest I_1 - 3, a pure number."""
 
     mu: Scalar = positive("pressure")
     j_m: Scalar = positive("number")
 
-    def energy(self, l1, l2, l3):
-        i1, _ = _invariants(l1, l2, l3)
+    def of_invariants(self, i1, i2):
         return -0.5 * self.mu * self.j_m * jnp.log1p(-i1 / self.j_m)
 
     def shear_modulus(self):
