@@ -1,8 +1,8 @@
 """`softgrip design CONFIG.toml`: search, a table of the best designs, and a folder that keeps everything.
 
 The folder: config.toml as given (with the parts that stood in other files), best.toml (what `softgrip solve` accepts),
-designs.csv, history.csv, result.json, before_after.png, convergence.png. It appears complete or not at all, and never
-replaces another.
+designs.csv, history.csv, result.json, convergence.png and, for every scene that has a picture, before_after.png (of
+several scenes before_after_NAME.png). It appears complete or not at all, and never replaces another.
 """
 
 from __future__ import annotations
@@ -57,7 +57,8 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         result = _search_with_progress(wanted, console)
         _write(folder, given, read, wanted, result)
     report(result, console)
-    console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}", soft_wrap=True)
+    which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
+    console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
     return final
 
 
@@ -67,11 +68,18 @@ class Run:
 
     folder: Path
     config: configs.Config
-    """As it was given, with the scene that the search started from."""
-    best: Scene
+    """As it was given, with the scenes that the search started from."""
+    best_scenes: dict[str, Scene]
     result: dict[str, Any]
     designs: list[dict[str, str]]
     history: dict[str, np.ndarray]
+
+    @property
+    def best(self) -> Scene:
+        """The scene of the best design, where there is one scene."""
+        if len(self.best_scenes) > 1:
+            raise ValueError(f"This run has several scenes; best_scenes holds {', '.join(self.best_scenes)}.")
+        return next(iter(self.best_scenes.values()))
 
 
 def load_run(folder: str | Path) -> Run:
@@ -86,7 +94,7 @@ def load_run(folder: str | Path) -> Run:
     return Run(
         folder,
         configs.load(folder / "config.toml"),
-        configs.load(folder / "best.toml").scene,
+        configs.load(folder / "best.toml").scenes,
         json.loads((folder / "result.json").read_text(encoding="utf-8")),
         designs,
         {name: np.array([float(row[name]) for row in rows]) for name in rows[0]},
@@ -124,12 +132,12 @@ def _free_name(name: str) -> Path:
 def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Settings, result: SearchResult) -> None:
     problem, best = wanted.problem, result.best
     (folder / "config.toml").write_bytes(given)
-    scene = best_scene(result)
-    at = problem.goals[0].quantity.at
     comment = f"The best design of a search with softgrip_jax {sg.__version__}, seed {wanted.arguments['seed']}."
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
-    text = configs.dump(scene, comment, **settings.question(at, scene))
+    scenes = best_scenes(result)
+    first = problem.goals[0].quantity
+    text = configs.dump(scenes, comment, **settings.question(first.at, scenes[first.scene]))
     (folder / "best.toml").write_text(text, encoding="utf-8")
     _write_csv(folder / "designs.csv", _design_rows(problem, result))
     steps = len(result.history["moving"])
@@ -137,27 +145,30 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
         folder / "history.csv",
         [{"step": k + 1} | {name: float(v[k]) for name, v in result.history.items()} for k in range(steps)],
     )
-    _draw(folder, read.scene, scene, at, result)
+    _draw(folder, read.scenes, scenes, result)
     (folder / "result.json").write_text(json.dumps(_summary(problem, wanted, result), indent=2), encoding="utf-8")
 
 
-def best_scene(result: SearchResult) -> Scene:
-    """The scene of the best design (of the first goal, where there are several scenes)."""
-    problem = result.problem
-    return problem.space.scenes_at(jax.numpy.asarray(result.best.x))[problem.goals[0].quantity.scene]
+def best_scenes(result: SearchResult) -> dict[str, Scene]:
+    """The scenes of the best design."""
+    return result.problem.space.scenes_at(jax.numpy.asarray(result.best.x))
 
 
-def _draw(folder: Path, before: Scene, after: Scene, at: Any, result: SearchResult) -> None:
+def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], result: SearchResult) -> None:
     # matplotlib takes a second to load: only a run that draws waits for it.
     from softgrip_jax import plots
 
     plots.convergence(result.history, "objective (start: 1)").savefig(folder / "convergence.png")
-    if at is None or not plots.has_picture(after):
-        return
-    solutions = {"before": solution_at(before, at), "after": solution_at(after, at)}
-    solved = {name: solution for name, solution in solutions.items() if int(solution.status) == Status.OK}
-    if solved:
-        plots.compare(solved).savefig(folder / "before_after.png")
+    # The first state that is asked of every scene.
+    states = {name: at for name, at in reversed(result.problem.asked.states) if at is not None}
+    for name, at in states.items():
+        if not plots.has_picture(after[name]):
+            continue
+        solutions = {"before": solution_at(before[name], at), "after": solution_at(after[name], at)}
+        solved = {label: solution for label, solution in solutions.items() if int(solution.status) == Status.OK}
+        if solved:
+            suffix = f"_{name}" if len(after) > 1 else ""
+            plots.compare(solved).savefig(folder / f"before_after{suffix}.png")
 
 
 def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:

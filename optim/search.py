@@ -4,8 +4,8 @@
 2. Every lane minimises its augmented Lagrangian (Powell, Hestenes, Rockafellar) with an optax optimiser in the free
    variables of `variables.py`. A lane without equilibrium descends its shortfall until it has one. A lane that has come
    to rest stops, and the lanes that are left are packed together, so it costs nothing any more.
-3. The best lanes of each region are finished by sequential quadratic programming (Kraft's SLSQP, in SciPy), which
-   lands on the active constraints and bounds to the last digits.
+3. The best lanes of each region are finished by sequential quadratic programming or least squares (`finish.py`), which
+   land on the active constraints and bounds to the last digits.
 
 The physics is compiled once, for a chunk of lanes, with all derivatives; starts, steps, finish and report share it.
 """
@@ -23,11 +23,11 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
-from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from softgrip_jax.results import Status
 
+from .finish import LOST, finish
 from .objectives import Judged, Problem, Scales
 from .variables import to_free, to_unit
 
@@ -58,24 +58,21 @@ the basin of its optimum, and the finish does the rest."""
 FINAL_RATE = 0.02
 """The learning rate falls along a cosine to this part of its start."""
 
-ROUNDING = 1e-9
-"""A finished variable this near to a bound (of its range) is put on it."""
-
 STEEPEST = 1.0
 """Slopes are cut to this length: a design far outside of a constraint would else fill the memory of the optimiser with
 a slope hundreds of times that of the objective, and hardly move for long after it is back."""
 
 FINISHED = 16
-"""Lanes that are finished by SLSQP: the best of as many regions of the cube."""
+"""Lanes that are finished: the best of as many regions of the cube."""
 
 REGION, DISTINCT = 0.05, 0.01
 """Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
 
 CPU_CHUNK = 16
-"""Lanes per call on a CPU, where a lane alone costs as much as a lane in a batch: small, so that the finish, which asks
-for one at a time, wastes little. Elsewhere a chunk holds all the starts."""
+"""Lanes per call on a CPU, where a lane alone costs as much as a lane in a batch: as many as are finished together.
+Elsewhere a chunk holds all the starts."""
 
-_LOST = 1e6
+_LOST = LOST
 """Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
 
@@ -213,7 +210,7 @@ def search(
     candidates = np.asarray(lanes.best_t)[
         _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]
     ]
-    finished = np.stack([_finish(t, evaluate, judge, bool(problem.sides)) for t in candidates])
+    finished = finish(candidates, evaluate, problem, scales, judge)
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
     both = zip(
         _designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True
@@ -345,38 +342,6 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
         if all(np.max(np.abs(t[k] - t[j])) > radius for j in kept):
             kept.append(int(k))
     return kept
-
-
-def _finish(t: np.ndarray, evaluate: Evaluator, judge: Any, constrained: bool) -> np.ndarray:
-    """The local optimum near t, on its active constraints and bounds, by SLSQP with exact slopes."""
-    seen: dict[bytes, tuple[float, np.ndarray, np.ndarray, np.ndarray]] = {}
-
-    def look(t):
-        key = t.tobytes()
-        if key not in seen:
-            found = evaluate(t)
-            judged, slopes = judge(found.values[0])
-            objective, by_value = float(judged.objective), np.asarray(slopes.objective)
-            violations, pushes = np.asarray(judged.violations), np.asarray(slopes.violations)
-            by_t = found.value_slopes[0]
-            if found.shortfall[0] > 0:
-                seen[key] = (_LOST * (1 + found.shortfall[0]), 0 * t, violations + 1, 0 * pushes @ by_t)
-            else:
-                seen[key] = (objective, by_value @ by_t, violations, pushes @ by_t)
-        return seen[key]
-
-    constraints = [{"type": "ineq", "fun": lambda t: -look(t)[2], "jac": lambda t: -look(t)[3]}] if constrained else []
-    found = minimize(
-        lambda t: look(t)[0],
-        t,
-        jac=lambda t: look(t)[1],
-        bounds=[(0.0, 1.0)] * len(t),
-        constraints=constraints,
-        method="SLSQP",
-        options={"maxiter": 60, "ftol": 1e-12},
-    )
-    on_bound = np.abs(found.x - np.round(found.x)) < ROUNDING
-    return np.where(on_bound, np.round(found.x), np.clip(found.x, 0.0, 1.0))
 
 
 def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:

@@ -57,6 +57,7 @@ def solve(
     pressure_kpa: Annotated[
         float | None, typer.Option("--pressure-kPa", help="Solve at this pressure, whatever [solve] asks.")
     ] = None,
+    scene: Annotated[str | None, typer.Option(help="Which of several scenes, by its name in the config.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units and nothing else.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Write a picture of the scene to this file.")] = None,
 ) -> None:
@@ -74,6 +75,12 @@ def solve(
     if plot is not None:
         _check_picture(plot)
     read = configs.load(config)
+    if scene is not None:
+        if scene not in read.scenes:
+            raise ConfigError(f"--scene is {scene!r}; {config} has {', '.join(read.scenes)}.")
+        read = configs.Config(read.path, {scene: read.scenes[scene]}, read.tables)
+    elif len(read.scenes) > 1:
+        raise ConfigError(f"{config} has several scenes; say which with --scene, one of {', '.join(read.scenes)}.")
     if pressure_kpa is None:
         asked = configs.question(read)
     else:
@@ -237,6 +244,9 @@ def _keep_compiled_programs() -> None:
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    # XLA calls two of its own settings (prefer-no-gather, prefer-no-scatter) CPU features that the machine lacks, in
+    # long lines on stderr, for every program that it takes from the cache; nothing is wrong.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
 
 
 def main() -> NoReturn:

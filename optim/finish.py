@@ -1,0 +1,164 @@
+"""The last digits: second-order methods with exact slopes on a few designs, all in step.
+
+Sequential quadratic programming (Kraft's SLSQP) lands on the active constraints and bounds; where every goal is a
+`reach` and nothing is constrained, the trust-region least squares of Branch, Coleman and Li take their place: they know
+the curvature from the first step. Both are SciPy's, and both ask for one design at a time, while a batch of designs
+costs little more than one: so each design is finished in a thread of its own, and what all of them ask for is solved
+together. Optimistix, whose solvers run inside one compiled program, would compile the physics once more.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares, minimize
+
+from .objectives import Problem, Scales
+
+ROUNDING = 1e-9
+"""A finished variable this near to a bound (of its range) is put on it."""
+
+ITERATIONS = 60
+"""SLSQP and least squares are done in ten to thirty from where the descent ends."""
+
+LOST = 1e6
+"""The objective of a design without equilibrium: a step that led there is taken back."""
+
+Look = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, float]]
+"""t -> (values of the quantities, their slopes by t, shortfall)."""
+
+
+class InStep:
+    """Answers to many askers, given together: once every asker that is still there waits for one."""
+
+    def __init__(self, evaluate: Any, askers: int):
+        self.evaluate, self.askers = evaluate, askers
+        self.asked: dict[int, np.ndarray] = {}
+        self.answers: dict[int, Any] = {}
+        self.changed = threading.Condition()
+
+    def look(self, k: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """The answer to asker k."""
+        with self.changed:
+            self.asked[k] = np.array(t)
+            self._answer_if_all_wait()
+            self.changed.wait_for(lambda: k in self.answers)
+            answer = self.answers.pop(k)
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    def leave(self) -> None:
+        """One asker has no more questions."""
+        with self.changed:
+            self.askers -= 1
+            self._answer_if_all_wait()
+
+    def _answer_if_all_wait(self) -> None:
+        if len(self.asked) < self.askers or not self.asked:
+            return
+        # In the order of the askers, not of the threads: the same batches every time.
+        order = sorted(self.asked)
+        try:
+            found = self.evaluate(np.stack([self.asked[k] for k in order]))
+            for row, k in enumerate(order):
+                self.answers[k] = (found.values[row], found.value_slopes[row], float(found.shortfall[row]))
+        except BaseException as error:
+            self.answers |= dict.fromkeys(order, error)
+        self.asked.clear()
+        self.changed.notify_all()
+
+
+def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scales, judge: Any) -> np.ndarray:
+    """The local optimum near each row of unit values.
+
+    Args:
+        candidates: where the descent ended.
+        evaluate: the search's Evaluator.
+        judge: values -> (Judged, its derivatives by the values).
+    """
+    squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.sides
+    together = InStep(evaluate, len(candidates))
+
+    def one(k: int) -> np.ndarray:
+        def look(t):
+            return together.look(k, t)
+
+        try:
+            if squares:
+                return _least_squares(candidates[k], look, problem, scales)
+            return _programmed(candidates[k], look, judge, bool(problem.sides))
+        finally:
+            together.leave()
+
+    with ThreadPoolExecutor(len(candidates)) as pool:
+        found = np.stack(list(pool.map(one, range(len(candidates)))))
+    on_bound = np.abs(found - np.round(found)) < ROUNDING
+    return np.where(on_bound, np.round(found), np.clip(found, 0.0, 1.0))
+
+
+def _remembered(function: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
+    """SciPy asks for a value and for its slope one after the other: both come from one solution."""
+    seen: dict[bytes, Any] = {}
+
+    def call(t):
+        key = t.tobytes()
+        if key not in seen:
+            seen[key] = function(t)
+        return seen[key]
+
+    return call
+
+
+def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.ndarray:
+    """By SLSQP: objective under constraints."""
+
+    @_remembered
+    def judged(t):
+        values, by_t, shortfall = look(t)
+        worth, slopes = judge(values)
+        violations, pushes = np.asarray(worth.violations), np.asarray(slopes.violations)
+        if shortfall > 0:
+            return LOST * (1 + shortfall), 0 * t, violations + 1, 0 * pushes @ by_t
+        return float(worth.objective), np.asarray(slopes.objective) @ by_t, violations, pushes @ by_t
+
+    constraint = {"type": "ineq", "fun": lambda t: -judged(t)[2], "jac": lambda t: -judged(t)[3]}
+    return minimize(
+        lambda t: judged(t)[0],
+        t,
+        jac=lambda t: judged(t)[1],
+        bounds=[(0.0, 1.0)] * len(t),
+        constraints=[constraint] if constrained else [],
+        method="SLSQP",
+        options={"maxiter": ITERATIONS, "ftol": 1e-12},
+    ).x
+
+
+def _least_squares(t: np.ndarray, look: Look, problem: Problem, scales: Scales) -> np.ndarray:
+    """By trust-region least squares over the goals' deviations."""
+
+    @_remembered
+    def deviations(t):
+        values, by_t, shortfall = look(t)
+        if shortfall > 0:
+            return np.full(len(problem.goals), LOST), np.zeros((len(problem.goals), len(t)))
+        places = [problem.asked.index(goal.quantity) for goal in problem.goals]
+        targets = np.array([goal.target for goal in problem.goals])
+        factors = np.sqrt([goal.weight for goal in problem.goals]) / np.array(scales.goals)
+        return factors * (values[places] - targets), factors[:, None] * by_t[places]
+
+    return least_squares(
+        lambda t: deviations(t)[0],
+        np.clip(t, 1e-9, 1 - 1e-9),
+        jac=lambda t: deviations(t)[1],
+        bounds=(0.0, 1.0),
+        x_scale=1.0,
+        ftol=1e-12,
+        xtol=1e-10,
+        gtol=1e-12,
+        max_nfev=ITERATIONS,
+    ).x
