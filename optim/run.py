@@ -10,13 +10,8 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import os
 import platform
-import shutil
 import time
-import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +24,7 @@ from rich.table import Table
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import new_folder as new_folder
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -37,9 +33,6 @@ from softgrip_jax.units import DISPLAY
 from . import settings
 from .objectives import Problem
 from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
-
-RUNS = Path("runs")
-"""Where runs go that are given no folder: runs/<name of the config>-001 and so on."""
 
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""
@@ -102,31 +95,6 @@ def load_run(folder: str | Path) -> Run:
 
 
 # --- the folder -------------------------------------------------------------------------------------------------------
-
-
-@contextmanager
-def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
-    """(folder to write to, its final name): a hidden sibling, renamed when the block ends well, removed when not."""
-    if out is not None and out.exists():
-        raise ConfigError(f"{out} exists already; give --out a new name.")
-    final = _free_name(name) if out is None else out
-    final.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = final.parent / f".{final.name}-{uuid.uuid4().hex}"
-    unfinished.mkdir()
-    try:
-        yield unfinished, final
-        if final.exists():
-            raise ConfigError(f"{final} has come to exist during the run, which was given up so as not to replace it.")
-        os.rename(unfinished, final)
-    finally:
-        shutil.rmtree(unfinished, ignore_errors=True)
-
-
-def _free_name(name: str) -> Path:
-    number = 1
-    while (RUNS / f"{name}-{number:03d}").exists():
-        number += 1
-    return RUNS / f"{name}-{number:03d}"
 
 
 def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Settings, result: SearchResult) -> None:

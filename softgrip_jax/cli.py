@@ -149,6 +149,20 @@ def sweep(
     run_sweep(config, out, Console())
 
 
+@app.command()
+def sensitivity(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene].")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+) -> None:
+    """Say which numbers of a design matter for what: elasticities, and what manufacturing tolerances do.
+
+    softgrip sensitivity configs/shell_grasp.toml
+    """
+    from .sensitivity import run_sensitivity
+
+    run_sensitivity(config, out, Console())
+
+
 def as_data(solution: Solution) -> dict[str, Any]:
     """A solution as plain data in SI; what is not a finite number is None."""
     from .config import type_name

@@ -219,6 +219,18 @@ def leaf(scene: Scene, dotted: str, where: str) -> Leaf:
     return Leaf((*parents, numbers[last].name), kind, rule)
 
 
+def number_keys(module: Any) -> list[str]:
+    """The dotted keys of all numbers of a module that are not zero."""
+    keys: list[str] = []
+    for key in keys_of(type(module)).values():
+        value = getattr(module, key.name)
+        if isinstance(value, Checked):
+            keys += [f"{key.name}.{inner}" for inner in number_keys(value)]
+        elif value is not None and _rule(key, module) is not None and np.any(np.asarray(value) != 0):
+            keys.append(key.key)
+    return keys
+
+
 def _rule(key: Key, module: Any) -> tuple[str, str] | None:
     if key.field.metadata.get("friction"):
         return None if callable(getattr(module, key.name)) else ("positive", "number")

@@ -79,6 +79,14 @@ def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.Lea
     return found
 
 
+def all_numbers(scenes: Scenes) -> list[str]:
+    """The key of every number of the scenes that is not zero, once where several scenes have it."""
+    keys: dict[str, None] = {}
+    for scene in scenes.values():
+        keys |= dict.fromkeys(configs.number_keys(scene))
+    return list(keys)
+
+
 def quantity(scenes: Scenes, key: str, at: Any, where: str) -> tuple[Quantity, float]:
     """The quantity that a key and a state name, and the unit of the key in SI."""
     scene_name, key = _scene_of(scenes, key, where)

@@ -32,16 +32,13 @@ from rich.table import Table as PrintedTable
 
 from . import config as configs
 from .errors import ConfigError
+from .folders import free_name, write_whole
 from .leaves import Leaf
 from .results import Status, in_units
 from .sections import Table, Varied, quantity, states_of, varied
 from .study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
 from .study import Table as TableOfDesigns
 from .study.dataset import status_name
-from .study.folder import write_whole
-
-RUNS = Path("runs")
-"""Where studies go that are given no folder: runs/<name of the config>-001 and so on."""
 
 LINE_SECONDS = 10.0
 """Between two lines of progress where there is no terminal."""
@@ -178,7 +175,7 @@ def _from_csv(
 def run_sweep(config: Path, out: Path | None, console: Console) -> Path:
     """Run the study of a config, or go on with it where `out` holds it already, and report; returns the folder."""
     study, identity = read(configs.load(config))
-    folder = _free_name(config.stem) if out is None else out
+    folder = free_name(config.stem) if out is None else out
     if out is None:
         console.print(f"The study goes to {folder}; if it is stopped, --out {folder} goes on with it.", soft_wrap=True)
     with _progress(study.designs.count, console) as report:
@@ -189,13 +186,6 @@ def run_sweep(config: Path, out: Path | None, console: Console) -> Path:
         _report(study, data, console)
     console.print(f"The study is in {folder}. In Python: softgrip_jax.load_study({str(folder)!r})", soft_wrap=True)
     return folder
-
-
-def _free_name(name: str) -> Path:
-    number = 1
-    while (RUNS / f"{name}-{number:03d}").exists():
-        number += 1
-    return RUNS / f"{name}-{number:03d}"
 
 
 @contextmanager

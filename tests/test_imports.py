@@ -9,6 +9,7 @@ from conftest import ROOT
 ORDER = [
     "_version",
     "errors",
+    "folders",
     "numerics",
     "units",
     "checked",

@@ -166,13 +166,13 @@ def elasticities(data: xr.Dataset) -> Figure:
             colours = [BLUE if v >= 0 else VERMILION for v in values[order]]
             ax.barh([numbers[k] for k in order], values[order], color=colours, height=0.7)
             ax.axvline(0, color="black", linewidth=0.8)
-            ax.margins(x=0.18)
+            ax.margins(x=0.22)
             ax.bar_label(ax.containers[0], fmt="%+.2f", padding=2, fontsize=7)  # type: ignore[arg-type]
             ax.set_title(quantity, loc="left")
         for ax in grid.ravel()[len(quantities) :]:
             ax.set_axis_off()
         for ax in grid.ravel()[max(0, len(quantities) - columns) : len(quantities)]:
-            ax.set_xlabel("elasticity: % change per % of each number")
+            ax.set_xlabel("elasticity (% for 1 %)")
     return figure
 
 

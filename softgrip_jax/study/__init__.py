@@ -14,4 +14,5 @@ from .designs import Sobol as Sobol
 from .designs import Table as Table
 from .folder import load_study as load_study
 from .folder import run_in as run_in
+from .sensitivity import sensitivity as sensitivity
 from .study import Study as Study

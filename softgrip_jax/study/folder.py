@@ -10,7 +10,6 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
-import os
 import platform
 import shutil
 from collections.abc import Callable
@@ -23,6 +22,7 @@ import xarray as xr
 
 from .._version import __version__
 from ..errors import ConfigError
+from ..folders import write_whole
 from .dataset import csv_rows, labelled
 from .study import Study
 
@@ -137,15 +137,3 @@ def _collect(folder: Path, study: Study) -> None:
     write_whole(folder / TABLE, write_table)
     data = labelled(study, whole.pop("designs"), whole)
     write_whole(folder / RESULT, lambda path: data.to_netcdf(path, engine="h5netcdf"))
-
-
-def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
-    """A file that is complete or not there: written beside its place, brought to the disk, then renamed."""
-    unfinished = path.with_name(f".unfinished-{path.name}")
-    if isinstance(content, bytes):
-        unfinished.write_bytes(content)
-    else:
-        content(unfinished)
-    with unfinished.open("rb") as file:
-        os.fsync(file.fileno())
-    unfinished.replace(path)

@@ -83,6 +83,10 @@ class Study:
         found = self.compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])))
         return {name: np.asarray(value)[: len(rows)] for name, value in found.items()}
 
+    def measured_alone(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """One design, without the cost of a batch."""
+        return {name: np.asarray(value) for name, value in jax.jit(self.measure)(jnp.asarray(x)).items()}
+
     def parts(self, skip: Sequence[int] = ()) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
         """(number, results) of every chunk but those in `skip`."""
         for k in sorted(set(range(self.chunks)) - set(skip)):

@@ -1,0 +1,189 @@
+"""`softgrip sensitivity CONFIG.toml`: which numbers of a design matter for what, and what tolerances do.
+
+    [sensitivity]                     [[sensitivity.variables]]        [[sensitivity.observables]]
+    samples = 20000                   name = "shell.t_m_mm"            name = ["force_z_N", "limit_margin"]
+    seed = 0                          tolerance = 0.05                 at = { pressure_kPa = 12 }
+
+All of it may be left out: then every number of the scene counts that is not zero, and every observable in the state
+that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distributed, in the unit of the name. Names and
+states are those of `softgrip_jax.sections`.
+
+The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png and, where there
+are tolerances, tolerances.csv.
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pydantic
+import xarray as xr
+from rich.console import Console
+from rich.table import Table as PrintedTable
+
+from . import config as configs
+from .errors import ConfigError
+from .folders import new_folder
+from .leaves import Leaf
+from .quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
+from .results import Status, in_units
+from .sections import Table, Varied, all_numbers, quantity, states_of, varied
+from .study import sensitivity
+from .sweep import ObservableTable
+
+COLUMNS = 4
+"""Quantities in one printed table: as many as a terminal of 80 columns shows."""
+
+
+class VariableTable(Table):
+    name: str | list[str]
+    tolerance: float | None = pydantic.Field(default=None, gt=0)
+
+
+class SensitivityTable(Table):
+    variables: list[VariableTable] = []
+    observables: list[ObservableTable] = []
+    samples: int = pydantic.Field(default=10_000, ge=100, le=100_000_000)
+    seed: int = pydantic.Field(default=0, ge=0)
+
+
+class Wanted(NamedTuple):
+    """The section [sensitivity] as read."""
+
+    numbers: list[Varied]
+    tolerances: list[float | None]
+    """In SI."""
+    quantities: list[Quantity]
+    samples: int
+    seed: int
+
+
+def read(config: configs.Config) -> Wanted:
+    """What a config asks for; ConfigError for anything that is wrong in it."""
+    where = f"{config.path}, [sensitivity]"
+    table: SensitivityTable = configs.validated(SensitivityTable, config.tables.get("sensitivity", {}), where)
+    variables = table.variables or [VariableTable(name=key) for key in all_numbers(config.scenes)]
+    numbers = [varied(config.scenes, v.name, where) for v in variables]
+    tolerances = [
+        None if v.tolerance is None else v.tolerance * number.unit for v, number in zip(variables, numbers, strict=True)
+    ]
+    quantities = []
+    for observed in table.observables:
+        for name in [observed.name] if isinstance(observed.name, str) else observed.name:
+            quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
+    return Wanted(numbers, tolerances, quantities or _asked_by_solve(config), table.samples, table.seed)
+
+
+def _asked_by_solve(config: configs.Config) -> list[Quantity]:
+    """Every observable in the state that [solve] asks for, and the pressure where it is not what is given."""
+    asked = configs.question(config)
+    [(name, value)] = asked.items() or [("", 0.0)]
+    at: State = value if name == "pressure" else (name, value) if name else REQUIRED
+    names = [n for n in observables_of(config.scene) if n != name]
+    return [Quantity(n, at) for n in names if not (n == LIMIT_MARGIN and at == 0.0)]
+
+
+def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
+    """Analyse what the config says, print it, and return the folder that holds it."""
+    read_config = configs.load(config)
+    wanted = read(read_config)
+    with new_folder(out, config.stem) as (folder, final):
+        try:
+            with Console(stderr=True).status("differentiating"):
+                data = sensitivity(
+                    read_config.scenes,
+                    [Leaf(number.name) for number in wanted.numbers],
+                    wanted.quantities,
+                    _per_entry(read_config, wanted),
+                    wanted.samples,
+                    wanted.seed,
+                )
+        except ValueError as error:
+            raise ConfigError(f"{config}, [sensitivity]: {error}") from None
+        (folder / "config.toml").write_bytes(configs.standalone(config))
+        data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
+        _write(folder, data)
+        _draw(folder, data)
+    report(data, console)
+    console.print(f"The analysis is in {final}.", soft_wrap=True)
+    return final
+
+
+def _per_entry(config: configs.Config, wanted: Wanted) -> list[float | None]:
+    """Tolerances of leaves as those of the entries of the vector: a list of numbers shares one."""
+    from .leaves import Leaves
+
+    sizes = Leaves(config.scenes, [Leaf(number.name) for number in wanted.numbers]).sizes
+    return [t for t, size in zip(wanted.tolerances, sizes, strict=True) for _ in range(size)]
+
+
+def _write(folder: Path, data: xr.Dataset) -> None:
+    with (folder / "elasticities.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["quantity", "value_SI", *map(str, data["by"].values)])
+        for name in data["quantity"].values:
+            row = data.sel(quantity=name)
+            writer.writerow([name, float(row["value"]), *map(float, row["elasticity"])])
+    if "share" not in data:
+        return
+    columns = [str(v) for v in data if data[v].dims == ("quantity",) and v != "status"]
+    with (folder / "tolerances.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["quantity_SI", *columns, *(f"share_of_{by}" for by in data["by"].values)])
+        for name in data["quantity"].values:
+            row = data.sel(quantity=name)
+            writer.writerow([name, *(float(row[c]) for c in columns), *map(float, row["share"])])
+
+
+def _draw(folder: Path, data: xr.Dataset) -> None:
+    answered = data.isel(quantity=np.flatnonzero(data["status"].values == Status.OK))
+    if answered.sizes["quantity"]:
+        from . import plots
+
+        plots.elasticities(answered).savefig(folder / "elasticities.png")
+
+
+def report(data: xr.Dataset, console: Console) -> None:
+    """Tables for people."""
+    names = [str(name) for name in data["quantity"].values]
+    for start in range(0, len(names), COLUMNS):
+        table = PrintedTable(title="elasticities: % for 1 % of", title_justify="left")
+        table.add_column("", no_wrap=True)
+        for name in names[start : start + COLUMNS]:
+            # Spaces are where a heading may be broken into lines.
+            table.add_column(name.replace("_", " "), justify="right")
+        some = data.isel(quantity=slice(start, start + COLUMNS))
+        values = zip(some["value"].values, some["kind"].values, some["status"].values, strict=True)
+        table.add_row("value", *(in_units(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
+        table.add_section()
+        for by in data["by"].values:
+            table.add_row(str(by), *(_signed(v) for v in some["elasticity"].sel(by=by).values))
+        console.print(table)
+    if "share" not in data:
+        return
+    table = PrintedTable(title="standard deviation from the tolerances", title_justify="left")
+    for head in ("", "value", "by gradient", "by sampling", "answered", "most from"):
+        table.add_column(head, justify="right" if head else "left", overflow="fold")
+    for k, name in enumerate(names):
+        row, kind = data.isel(quantity=k), str(data["kind"].values[k])
+        share = np.nan_to_num(row["share"].values)
+        table.add_row(
+            name.replace("_", " "),
+            in_units(row["value"].values, kind),
+            in_units(row["deviation_by_gradient"].values, kind),
+            f"{in_units(row['deviation_by_sampling'].values, kind)} ± {_number(row['deviation_error'].values, kind)}",
+            f"{float(row['answered']):.1%}",
+            f"{data['by'].values[share.argmax()]} ({share.max():.0%})" if share.max() > 0 else "-",
+        )
+    console.print(table)
+
+
+def _signed(value: Any) -> str:
+    return f"{value:+.3f}" if np.isfinite(value) else "-"
+
+
+def _number(value: Any, kind: str) -> str:
+    return in_units(float(f"{float(value):.1e}"), kind).split(" ")[0]

@@ -1,0 +1,95 @@
+"""What matters: elasticities of quantities by the numbers of a design, and what manufacturing tolerances do to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from ..leaves import Leaf, Leaves, Named, Scenes
+from ..quantities import Quantity
+from ..results import Status
+from ..units import SI
+from .designs import Table
+from .study import Study
+
+
+def sensitivity(
+    scenes: Scenes,
+    leaves: Sequence[str | Named],
+    quantities: Sequence[Quantity],
+    tolerances: Sequence[float | None] = (),
+    samples: int = 10_000,
+    seed: int = 0,
+) -> xr.Dataset:
+    """Elasticities, and where tolerances are given what they do, as a labelled Dataset.
+
+    value (quantity), slope (quantity, by): dy/dx in SI. elasticity: d ln y / d ln x = (x / y) dy/dx, how many per cent
+    y changes for one per cent of x; NaN where y is zero.
+
+    A tolerance of t means x within x0 - t and x0 + t, evenly distributed, and independent of the others (GUM 4.3.7):
+    its standard deviation is t / sqrt(3). deviation_by_gradient (quantity): sqrt(sum of (dy/dx t / sqrt(3))^2);
+    share (quantity, by): how much of its square is due to each number. deviation_by_sampling: that of `samples` designs
+    drawn at random, with deviation_error, its own standard error, mean_by_sampling, and answered, the part of the
+    samples that have an answer: only these are counted in the others.
+
+    Args:
+        tolerances: in SI, one per entry of the leaves; None where the number is exact.
+    """
+    numbers = Leaves(scenes, [Leaf(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
+    reference = numbers.reference
+    study = Study(scenes, leaves, quantities, Table(reference), gradients=True)
+    found = study.measured_alone(reference)
+    values, slopes = found["values"], found["slopes"]
+    statuses = found["statuses"][study.asked.state_of]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        elasticity = np.where(values[:, None] == 0, np.nan, slopes * reference / values[:, None])
+    data: dict[str, Any] = {
+        "value": ("quantity", values),
+        "status": ("quantity", statuses.astype(np.int8), {"flag_meanings": " ".join(s.name for s in Status)}),
+        "slope": (("quantity", "by"), slopes),
+        "elasticity": (("quantity", "by"), elasticity),
+    }
+    coords: dict[str, Any] = {
+        "quantity": study.asked.labels(),
+        "kind": ("quantity", study.asked.kinds),
+        "unit": ("quantity", [SI[kind] for kind in study.asked.kinds]),
+        "by": numbers.names,
+        "design": ("by", reference),
+        "design_unit": ("by", [SI[kind] for kind in numbers.kinds]),
+    }
+    if any(tolerances):
+        widths = np.array([t or 0.0 for t in tolerances])
+        coords["tolerance"] = ("by", widths)
+        drawn = reference + widths * np.random.default_rng(seed).uniform(-1, 1, (samples, numbers.size))
+        data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, widths)
+    return xr.Dataset(data, coords)
+
+
+def _spread(study: Study, slopes: np.ndarray, widths: np.ndarray) -> dict[str, Any]:
+    variances = (slopes * widths) ** 2 / 3
+    parts = [part for _, part in study.parts()]
+    seen = np.concatenate([part["values"] for part in parts])
+    answered = np.concatenate([part["statuses"] for part in parts])[:, study.asked.state_of] == Status.OK
+    answered &= np.isfinite(seen)
+    deviation, error, mean = (np.full(len(slopes), np.nan) for _ in range(3))
+    for k in range(len(slopes)):
+        good = seen[answered[:, k], k]
+        if good.size > 1:
+            mean[k], deviation[k] = good.mean(), good.std(ddof=1)
+            # Of a sample standard deviation: sqrt((m4 - s^4) / n) / (2 s), m4 the fourth central moment.
+            fourth = np.mean((good - mean[k]) ** 4)
+            error[k] = np.sqrt(max(fourth - deviation[k] ** 4, 0) / good.size) / (2 * deviation[k] or np.inf)
+    total = np.sum(variances, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = variances / total[:, None]
+    return {
+        "deviation_by_gradient": ("quantity", np.sqrt(total)),
+        "share": (("quantity", "by"), share),
+        "deviation_by_sampling": ("quantity", deviation),
+        "deviation_error": ("quantity", error),
+        "mean_by_sampling": ("quantity", mean),
+        "answered": ("quantity", np.mean(answered, axis=0)),
+    }

@@ -1,0 +1,132 @@
+"""Elasticities obey Euler's theorem on homogeneous functions; tolerances give the deviations of the closed form."""
+
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import ROOT
+from helpers import shell
+
+import softgrip_jax as sg
+from softgrip_jax import plots
+from softgrip_jax.cli import run
+from softgrip_jax.study import sensitivity
+from softgrip_jax.units import kPa, mm
+
+LENGTHS = ["shell.a", "shell.b", "shell.t_m", "radius", "gap"]
+MU, T = 175 * kPa, 1.1 * mm
+
+
+@pytest.fixture(scope="module")
+def found():
+    scene = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
+    quantities = [sg.Quantity(name, 15 * kPa) for name in ("force", "contact_angle", "flat_length", "limit_margin")]
+    return sensitivity({"scene": scene}, [*LENGTHS, "shell.material.mu"], quantities)
+
+
+def test_elasticities_by_all_lengths_add_up_to_the_dimension(found):
+    """y(s x) = s^k y(x) for lengths x at a given pressure: k = 2 for a force, 1 for a length, 0 for a pure number."""
+    sums = found["elasticity"].sel(by=LENGTHS).sum("by").values
+    np.testing.assert_allclose(sums, [2, 0, 1, 0], atol=1e-9)
+
+
+def test_the_limit_is_proportional_to_the_stiffness(found):
+    assert found["elasticity"].sel(quantity="limit_margin at 15 kPa", by="shell.material.mu") == pytest.approx(1)
+
+
+def test_stiffness_and_thickness_act_as_a_product(found):
+    """The tension of a thin membrane is mu t_m times a function of the stretches."""
+    by = found["elasticity"]
+    np.testing.assert_allclose(by.sel(by="shell.t_m"), by.sel(by="shell.material.mu"), rtol=1e-9)
+
+
+def test_deviations_of_a_product_are_those_of_the_closed_form():
+    """The limit pressure of a free membrane is mu t_m times a constant."""
+    tolerances = [20 * kPa, 0.1 * mm]
+    scene = sg.shell.Free(shell())
+    data = sensitivity(
+        {"scene": scene},
+        ["shell.material.mu", "shell.t_m"],
+        [sg.Quantity("limit_pressure")],
+        tolerances,
+        20_000,
+        seed=2,
+    )
+    limit = float(sg.limit_pressure(scene))
+    relative = np.array(tolerances) / [MU, T] / np.sqrt(3)
+    first_order = limit * np.hypot(*relative)
+    exact = limit * np.sqrt((1 + relative[0] ** 2) * (1 + relative[1] ** 2) - 1)
+    assert float(data["deviation_by_gradient"][0]) == pytest.approx(first_order, rel=1e-9)
+    error = float(data["deviation_error"][0])
+    assert abs(float(data["deviation_by_sampling"][0]) - exact) < 4 * error
+    assert error < 0.01 * exact
+    assert abs(float(data["mean_by_sampling"][0]) - limit) < 4 * exact / np.sqrt(20_000)
+    np.testing.assert_allclose(data["share"].values[0], relative**2 / np.sum(relative**2), rtol=1e-9)
+    assert float(data["answered"][0]) == 1
+
+
+def test_samples_without_an_answer_are_counted():
+    scene = sg.shell.Free(shell())
+    pressure = float(sg.limit_pressure(scene))
+    data = sensitivity(
+        {"scene": scene}, ["shell.t_m"], [sg.Quantity("inflation", 0.98 * pressure)], [0.1 * mm], 4000, seed=1
+    )
+    # The limit is proportional to t_m: what is thinner than 0.98 t_m has no equilibrium.
+    expected = (0.1 + 0.02 * 1.1) / 0.2
+    assert float(data["answered"][0]) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / 4000))
+
+
+def test_a_config_without_the_section_shows_all_of_the_scene(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert run(["sensitivity", str(ROOT / "configs" / "shell_free.toml"), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    for words in ("shell.material.mu", "inflation at", "13.407 mm"):
+        assert words in printed
+    names = {path.name for path in out.iterdir()}
+    assert names == {"config.toml", "sensitivity.nc", "elasticities.csv", "elasticities.png"}
+    with xr.open_dataset(out / "sensitivity.nc", engine="h5netcdf") as data:
+        row = data["elasticity"].sel(quantity="inflation at 15 kPa")
+        assert float(row.sum()) == pytest.approx(1 + float(row.sel(by="shell.material.mu")), abs=1e-9)
+
+
+def test_tolerances_of_a_config_are_in_its_units(tmp_path, capsys):
+    text = (ROOT / "configs" / "shell_free.toml").read_text()
+    config = tmp_path / "tolerances.toml"
+    config.write_text(
+        text + '[sensitivity]\nsamples = 200\n[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = 0.1\n'
+        '[[sensitivity.observables]]\nname = "limit_pressure_kPa"\n'
+    )
+    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 0
+    # 20.1756 kPa is the thesis's limit pressure; 0.1 / sqrt(3) of 1.1 mm is 5.25 %.
+    printed = [float(number) for number in re.findall(r"([\d.]+) kPa", capsys.readouterr().out)]
+    assert printed[:2] == [20.176, 20.176]
+    assert printed[2] == pytest.approx(20.1756 * 0.1 / 1.1 / np.sqrt(3), rel=1e-4)
+    assert (tmp_path / "out" / "tolerances.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("section", "sentence"),
+    [
+        ('[[sensitivity.variables]]\nname = "shell.t_m"', "did you mean t_m_mm"),
+        ('[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = -1', "greater than 0"),
+        ('[[sensitivity.observables]]\nname = "force_N"\nat = { pressure_kPa = 3 }', "there is no quantity 'force_N'"),
+        ("[sensitivity]\nsample = 5", "did you mean samples"),
+    ],
+)
+def test_mistakes_are_one_sentence(section, sentence, tmp_path, capsys):
+    config = tmp_path / "config.toml"
+    config.write_text((ROOT / "configs" / "shell_free.toml").read_text() + section)
+    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert len(said.splitlines()) == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"config.toml"}
+
+
+def test_bars_are_the_elasticities(found):
+    figure = plots.elasticities(found)
+    first = figure.axes[0]
+    assert first.get_title(loc="left") == "force at 15 kPa"
+    widths = sorted(bar.get_width() for bar in first.patches)
+    np.testing.assert_allclose(widths, np.sort(found["elasticity"].sel(quantity="force at 15 kPa").values))
