@@ -152,8 +152,7 @@ class Fit:
         x, y, half = [], [], []
         # The compiled program takes as many points as were measured: a finer grid goes through it in parts.
         for part in grid.reshape(parts, size):
-            xs = dict(self.lane.xs) | {curve.model: jnp.asarray(part)}
-            response, slopes = fitting.predict_jit(jnp.asarray(self.x), xs)
+            response, slopes, _ = fitting.predict_at(self.x, **{curve.model: part})
             scaled = np.asarray(slopes)[rows] * self.scales
             spread = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", scaled, self.covariance, scaled), 0))
             ok = np.asarray(response.ok)[rows]
@@ -197,7 +196,7 @@ def finished(fitting: Fitting, lane: Lane, notes: Sequence[str] = ()) -> Fit:
     """The last fit from where the lane starts, with its statistics."""
     end = fitting.fit_lane_jit(lane)
     lane = lane._replace(start=end.u)
-    predicted = fitting.predict_jit(end.x, lane.xs)
+    predicted = fitting.predict_at(end.x)
     scales = fitting.scales(end.x)
     found = fitting.statistics(predicted, lane, scales)
     if not bool(end.converged):
@@ -240,7 +239,7 @@ def with_noise(fitting: Fitting, lane: Lane) -> Lane:
     for _ in range(NOISE_ROUNDS):
         end = fitting.fit_lane_jit(lane)
         lane = lane._replace(start=end.u)
-        predicted = fitting.predict_jit(end.x, lane.xs)
+        predicted = fitting.predict_at(end.x)
         sigma = fitting.statistics(predicted, lane, fitting.scales(end.x)).sigma
         change = float(jnp.max(jnp.abs(sigma / lane.sigma - 1)))
         lane = lane._replace(sigma=sigma)
@@ -258,7 +257,7 @@ def _without_lost_points(fitting: Fitting, lane: Lane) -> tuple[Lane, list[str]]
     """
     left_out = np.zeros(len(fitting.y), dtype=bool)
     while True:
-        response = fitting.predict_jit(fitting.space.from_unit(to_unit(lane.start)), lane.xs).response
+        response = fitting.predict_at(fitting.space.from_unit(to_unit(lane.start))).response
         weight = np.asarray(lane.weight)
         near = (weight > 0) & (~np.asarray(response.ok) | (np.asarray(response.share) > NEAR_LIMIT))
         if not near.any() or (weight * ~near).sum() <= fitting.space.size:
@@ -267,7 +266,7 @@ def _without_lost_points(fitting: Fitting, lane: Lane) -> tuple[Lane, list[str]]
             lane = lane._replace(weight=jnp.asarray(weight * ~lost))
             break
         trial = with_noise(fitting, lane._replace(weight=jnp.asarray(weight * ~near)))
-        there = fitting.predict_jit(fitting.space.from_unit(to_unit(trial.start)), lane.xs).response
+        there = fitting.predict_at(fitting.space.from_unit(to_unit(trial.start))).response
         lost = near & ~np.asarray(there.ok)
         if not lost.any():
             break
@@ -319,7 +318,7 @@ def held_out(fit: Fit) -> dict[str, tuple[np.ndarray, float]]:
         kept = np.asarray(fit.lane.weight) * (fitting.of_curve != k)
         lane = fit.lane._replace(start=jnp.asarray(_inside(fitting, fit.lane.start)), weight=jnp.asarray(kept))
         end = fitting.fit_lane_jit(lane)
-        response = fitting.predict_jit(end.x, lane.xs).response
+        response = fitting.predict_at(end.x).response
         errors = np.where(response.ok, np.asarray(response.values) - fitting.y, np.nan)[fitting.of_curve == k]
         errors = errors[np.isfinite(errors)]
         rmse = float(np.sqrt(np.mean(errors**2))) if errors.size else np.nan
@@ -365,7 +364,7 @@ def by_specimen(fit: Fit) -> Specimens | None:
 def implausible(fitting: Fitting) -> list[str]:
     """Sentences about curves whose pressures or values are far from the model at the values as given: a wrong unit?"""
     said = []
-    response = fitting.predict_jit(jnp.asarray(fitting.space.reference), fitting.points()).response
+    response = fitting.predict_at(fitting.space.reference).response
     for k, curve in enumerate(fitting.curves):
         of = fitting.of_curve == k
         share = np.asarray(response.share)[of]

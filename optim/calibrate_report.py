@@ -11,8 +11,10 @@ from rich.table import Table
 from scipy import stats
 
 from softgrip_jax.results import in_units
+from softgrip_jax.units import DISPLAY
 
 from .calibrate import Fit, Specimens, by_specimen, held_out, implausible
+from .curve_files import Curve
 from .identify import Direction, unknown_directions
 from .intervals import Intervals, intervals
 
@@ -27,6 +29,9 @@ WORDS = {"gauss_newton": "95 % interval", "bootstrap": "95 %, bootstrap", "profi
 SYSTEMATIC, SYSTEMATIC_POINTS = 0.6, 8
 """Errors of neighbouring points this much correlated (in curves of so many points) are the model's, not noise: of
 independent ones, eight exceed it in one case of thirty."""
+
+WIDER = 2.0
+"""The interval over specimens is quoted when it is this many times wider than that of the fit."""
 
 UNLIKELY = 0.01
 """A sum of squares as large as this or less likely by the stated noise is not explained by it."""
@@ -96,9 +101,9 @@ def interval_text(fit: Fit, one: Intervals, j: int) -> str:
         return "on its bound"
     if not is_determined(fit, j):
         return "not determined"
-    kind = fit.fitting.space.kinds[j]
-    low, high = (in_units(end, kind) if np.isfinite(end) else "open" for end in (one.low[j], one.high[j]))
-    return f"{low} to {high}"
+    label, unit = DISPLAY[fit.fitting.space.kinds[j]]
+    low, high = (f"{end / unit:.5g}" if np.isfinite(end) else "open" for end in (one.low[j], one.high[j]))
+    return f"{low} to {high} {label}".strip()
 
 
 def is_determined(fit: Fit, j: int) -> bool:
@@ -110,21 +115,23 @@ def curve_table(findings: Findings) -> Table:
     """How well each curve is met."""
     fit = findings.fit
     table = Table(title="curves", title_justify="left")
-    columns = ("", "points", "noise", "RMS error", "of the largest value")
-    for heading in (*columns, *(["error when kept out"] if findings.held_out else [])):
+    for heading in ("", "points", "noise", "RMS error", *(["when kept out"] if findings.held_out else [])):
         table.add_column(heading, justify="left" if not heading else "right")
     for k, curve in enumerate(fit.fitting.curves):
         used = int((fit.used & (fit.fitting.of_curve == k)).sum())
-        sigma = in_units(float(f"{float(fit.lane.sigma[k]):.3g}"), curve.kind)
-        noise = f"{sigma}, {'stated' if curve.noise else 'estimated'}" if curve.fit else "-"
-        rmse = fit.rmse(k)
-        row = [f"{curve.name}: {curve.label}", f"{used} of {len(curve.x)}" if curve.fit else "predicted", noise]
-        row += [in_units(float(f"{rmse:.3g}"), curve.kind), f"{rmse / curve.size:.2%}"]
+        sigma = f"{_short(float(fit.lane.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()
+        row = [curve.name, f"{used} of {len(curve.x)}" if curve.fit else "predicted", sigma if curve.fit else "-"]
+        row.append(f"{_short(fit.rmse(k), curve)} ({fit.rmse(k) / curve.size:.1%})")
         if findings.held_out:
             without = findings.held_out.get(curve.name)
-            row.append("-" if without is None else in_units(float(f"{without[1]:.3g}"), curve.kind))
+            row.append("-" if without is None else _short(without[1], curve))
         table.add_row(*row)
     return table
+
+
+def _short(value: float, curve: Curve) -> str:
+    """In the unit of a curve, to three digits."""
+    return in_units(float(f"{value:.3g}"), curve.kind)
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -189,9 +196,14 @@ def _spread(fit: Fit, specimens: Specimens | None) -> list[str]:
         return []
     said, space = [], fit.fitting.space
     for j, (name, kind) in enumerate(zip(space.names, space.kinds, strict=True)):
+        if np.ptp(specimens.x[:, j]) <= 1e-6 * abs(fit.x[j]):
+            continue  # no curve of a specimen depends on it
         values = ", ".join(
             f"{one} {in_units(x, kind)}" for one, x in zip(specimens.names, specimens.x[:, j], strict=True)
         )
         low, high = in_units(specimens.low[j], kind), in_units(specimens.high[j], kind)
-        said.append(f"{name} by specimen: {values}; 95 % interval of their mean {low} to {high}.")
+        sentence = f"{name} by specimen: {values}; 95 % interval of their mean {low} to {high}"
+        if specimens.high[j] - specimens.low[j] > WIDER * (fit.high[j] - fit.low[j]):
+            sentence += ", which is the one to quote: the specimens differ by more than the noise explains"
+        said.append(f"{sentence}.")
     return said

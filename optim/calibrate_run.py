@@ -116,7 +116,7 @@ def write_points(path: Path, fit: Fit) -> None:
             label, unit = curve.unit
             of = np.flatnonzero(fitting.of_curve == k)
             for i, at in enumerate(of):
-                specimen = "" if curve.specimen is None else curve.specimens[curve.specimen[i]]
+                specimen = "" if curve.specimen is None else curve.specimens[int(curve.specimen[i])]
                 x = ("", curve.x[i]) if curve.quantity == "stress" else (curve.x[i] / DISPLAY["pressure"][1], "")
                 numbers = (curve.y[i] / unit, (curve.y[i] + fit.errors[at]) / unit, fit.errors[at] / unit)
                 writer.writerow([curve.name, specimen, *x, curve.label, label, *numbers, bool(fit.used[at])])
@@ -190,12 +190,13 @@ def draw(fit: Fit, path: Path) -> None:
         is_test = curve.quantity == "stress"
         x_unit = 1.0 if is_test else DISPLAY["pressure"][1]
         x, y, half = fit.band(k)
-        line = plots.Line("fit, 95 %" if curve.fit else "predicted, 95 %", x / x_unit, y / unit, half / unit)
+        error = f"{float(f'{fit.rmse(k) / unit:.2g}'):g} {label}"
+        words = f"{'fit' if curve.fit else 'predicted'} and 95 %: error {error}"
+        line = plots.Line(words, x / x_unit, y / unit, half / unit)
         used = (fit.used | (not curve.fit))[fit.fitting.of_curve == k]
-        title = f"{curve.name} (RMS error {float(f'{fit.rmse(k) / unit:.2g}'):g} {label})"
         x_label = "engineering strain" if is_test else "pressure (kPa)"
         panels.append(
-            plots.Panel(title, x_label, f"{curve.label} ({label})", _points(curve, used, x_unit, unit), [line])
+            plots.Panel(curve.name, x_label, f"{curve.label} ({label})", _points(curve, used, x_unit, unit), [line])
         )
     plots.measured_and_fitted(panels).savefig(path)
 

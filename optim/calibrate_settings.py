@@ -179,6 +179,10 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
 def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTable, where: str) -> Variable:
     number = varied(config.scenes, table.name, where)
     low, high = number.checked(table.low, "low", where), number.checked(table.high, "high", where)
+    name = number.name
+    if len(config.scenes) > 1 and isinstance(table.name, str) and table.name.split(".")[0] not in config.scenes:
+        # A number without a scene is that of every scene that has it: its name needs none.
+        name = name.split(" = ")[0].partition(".")[2]
     # A tension test is of the material of its scene: it moves with it.
     tied = []
     for path in number.name.split(" = "):
@@ -188,6 +192,6 @@ def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTa
         if test in models and "material" in parts:
             tied.append(".".join([test, *parts[parts.index("material") :]]))
     try:
-        return Variable(" = ".join([number.name, *tied]), low, high, table.scale)
+        return Variable(" = ".join([name, *tied]), low, high, table.scale)
     except ValueError as error:
         raise ConfigError(f"{where}: {error}") from None

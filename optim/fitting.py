@@ -34,11 +34,15 @@ from softgrip_jax.scene import Scene
 from .curve_files import Curve
 from .objectives import NEAR_LIMIT
 from .tension import Tension
-from .variables import Space, Variable, to_unit
+from .variables import Space, Variable, to_free, to_unit
 
-TOLERANCE = 1e-10
-"""The fit has settled when neither the free parameters (of order one) nor the residuals (relative to the size of their
-curve) change by more: far below any noise, and above the rounding of the models."""
+TOLERANCE = 1e-8
+"""The fit has settled when a step that lowers the cost changes neither the free parameters (of order one) nor the
+residuals (relative to the size of their curve) by more. A smaller step changes the cost by less than its rounding, and
+is taken or not by chance."""
+
+SMALLEST_STEP = 1e-10
+"""A proposed step of the free parameters below this ends the fit."""
 
 MAX_STEPS = 200
 """Usual fits take 5 to 30 steps."""
@@ -98,6 +102,16 @@ class Lane(NamedTuple):
     sigma: Float[Array, " K"]
 
 
+class Predicted(NamedTuple):
+    """The models and their derivatives at some parameters."""
+
+    response: Response
+    slopes: Float[Array, "N n"]
+    """Of the values, by the parameters in SI."""
+    back: Float[Array, "N n"]
+    """Of `missing`, likewise."""
+
+
 class Fitted(NamedTuple):
     """Where one fit ended."""
 
@@ -106,16 +120,9 @@ class Fitted(NamedTuple):
     """SI."""
     cost: Float[Array, ""]
     """1/2 sum of w rho(r)."""
+    predicted: Predicted
     steps: Int[Array, ""]
     converged: Bool[Array, ""]
-
-
-class Predicted(NamedTuple):
-    """The models and their derivatives at some parameters."""
-
-    response: Response
-    slopes: Float[Array, "N n"]
-    """By the parameters in SI."""
 
 
 class Statistics(NamedTuple):
@@ -125,6 +132,19 @@ class Statistics(NamedTuple):
     """Noise per curve: as stated, or estimated."""
     covariance: Float[Array, "n n"]
     """Of the scaled parameters."""
+
+
+class _Marquardt(optx.LevenbergMarquardt):
+    """Levenberg-Marquardt that also ends where the next step would be too small to matter (xtol of MINPACK).
+
+    Optimistix ends after a step that was accepted. At the minimum itself a step changes the cost by rounding alone, is
+    rejected every other time, and the damping grows until the steps vanish.
+    """
+
+    def terminate(self, fn, y, args, options, state, tags):
+        done, result = super().terminate(fn, y, args, options, state, tags)
+        step = jnp.max(jnp.abs(state.y_eval - y))
+        return done | (~state.first_step & (step < SMALLEST_STEP)), result
 
 
 class Fitting:
@@ -158,7 +178,7 @@ class Fitting:
         """Curves with a stated noise."""
         self.weight = np.concatenate([np.full(len(c.x), float(c.fit)) for c in curves])
         self.fit_lane_jit = jax.jit(self.fit_lane)
-        self.predict_jit = jax.jit(self.predict_with_slopes)
+        self._predict_jit = jax.jit(self._predict_with_slopes)
 
     def predict(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Response:
         """All models at parameters x (SI)."""
@@ -172,40 +192,57 @@ class Fitting:
             parts.append(Response(jnp.where(ok[place], values, 0.0), ok[place], missing[place], share[place]))
         return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *parts)
 
-    def predict_with_slopes(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Predicted:
-        """`predict` and its derivatives by x."""
+    def _predict_with_slopes(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Predicted:
+        """`predict` and its derivatives by x, all parameters in one forward pass."""
 
         def split(x):
             response = self.predict(x, xs)
-            return response.values, response
+            return (response.values, response.missing), response
 
-        slopes, response = jax.jacfwd(split, has_aux=True)(x)
-        return Predicted(response, slopes)
+        (slopes, back), response = jax.jacfwd(split, has_aux=True)(x)
+        return Predicted(response, slopes, back)
 
-    def residuals(self, u: Float[Array, " n"], lane: Lane) -> Float[Array, " N"]:
-        """g(r), before the weights."""
-        response = self.predict(self.space.from_unit(to_unit(u)), lane.xs)
+    def residuals(self, u: Float[Array, " n"], lane: Lane) -> tuple[Float[Array, " N"], Predicted]:
+        """(g(r) before the weights, what it comes from). The derivative by u is exact, and there is no second one.
+
+        Values and slopes come from one program, traced once, and the chain rule by u is attached to them: the solver's
+        own differentiation would trace and compile the models several times over.
+        """
+        x = self.space.from_unit(to_unit(u))
+        at = jax.lax.stop_gradient(x)
+        response, slopes, back = predicted = jax.lax.stop_gradient(self._predict_jit(at, lane.xs))
+        values, missing = response.values + slopes @ (x - at), response.missing + back @ (x - at)
         sigma = lane.sigma[self.of_curve]
-        lost = (jnp.asarray(self.sizes)[self.of_curve] / sigma) * (1 + response.missing)
-        return LOSSES[self.loss](jnp.where(response.ok, (response.values - lane.y) / sigma, lost))
+        lost = (jnp.asarray(self.sizes)[self.of_curve] / sigma) * (1 + missing)
+        return LOSSES[self.loss](jnp.where(response.ok, (values - lane.y) / sigma, lost)), predicted
 
     def fit_lane(self, lane: Lane) -> Fitted:
         """One fit."""
         scale = jnp.min(lane.sigma / self.sizes)
 
         def scaled(u, lane):
-            weighted = scale * jnp.sqrt(lane.weight) * self.residuals(u, lane)
+            residuals, predicted = self.residuals(jnp.where(lane.free, u, lane.start), lane)
+            weighted = scale * jnp.sqrt(lane.weight) * residuals
             # A parameter that is held: its own residual keeps the equations regular and its step zero.
-            return jnp.concatenate([weighted, jnp.where(lane.free, 0.0, u - lane.start)]), weighted
+            whole = jnp.concatenate([weighted, jnp.where(lane.free, 0.0, u - lane.start)])
+            return whole, (0.5 * jnp.sum(residuals**2 * lane.weight), predicted)
 
-        def moved(u, lane):
-            return scaled(jnp.where(lane.free, u, lane.start + u - jax.lax.stop_gradient(u)), lane)
-
-        solver = optx.LevenbergMarquardt(rtol=TOLERANCE, atol=TOLERANCE)
-        end = optx.least_squares(moved, solver, lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False)
-        cost = 0.5 * jnp.sum((end.aux / scale) ** 2)
+        solver = _Marquardt(rtol=TOLERANCE, atol=TOLERANCE)
+        end = optx.least_squares(scaled, solver, lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False)
+        cost, predicted = end.aux
         x = self.space.from_unit(to_unit(end.value))
-        return Fitted(end.value, x, cost, end.stats["num_steps"], end.result == optx.RESULTS.successful)
+        settled = end.result == optx.RESULTS.successful
+        return Fitted(end.value, x, cost, predicted, end.stats["num_steps"], settled)
+
+    def predict_at(self, x: Any, **xs: Any) -> Predicted:
+        """The models at parameters x (SI, within their bounds), at other points where `xs` gives them by model.
+
+        It is a fit with every parameter held, so that nothing more is compiled.
+        """
+        t = self.space.to_unit(x)
+        lane = self.lane(to_free(np.clip(t, 0, 1)), free=np.zeros(self.space.size, dtype=bool))
+        points = {name: jnp.asarray(value) for name, value in xs.items()}
+        return self.fit_lane_jit(lane._replace(xs=lane.xs | points)).predicted
 
     def points(self) -> dict[str, Array]:
         """The pressures and strains at which each model is asked."""

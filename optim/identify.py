@@ -206,7 +206,7 @@ def _rows(fit: Fit, name: str, part: str, model: Any, x: np.ndarray) -> np.ndarr
     kind = "length" if kind == "position" else kind
     curve = Curve("further", "further", quantity, kind, x, np.ones_like(x), component)
     predicted = Fitting({"further": model}, variables, [curve])
-    found = predicted.predict_jit(np.asarray(predicted.space.reference), predicted.points())
+    found = predicted.predict_at(predicted.space.reference)
     size = float(np.max(np.abs(np.asarray(found.response.values))))
     if not size > 0:
         return None

@@ -198,8 +198,9 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
     given = configs.standalone(config)
     largest = float(curve.x.max())
     window = largest if table.window_percent is None else table.window_percent / 100
-    windows = [w / 100 for w in table.compare_percent or COMPARED if w / 100 < largest]
-    windows = [*windows, *([largest] if table.compare_percent is None else [])]
+    windows = [w / 100 for w in table.compare_percent or COMPARED if w / 100 <= largest * (1 + 1e-9)]
+    if table.compare_percent is None and largest not in windows:
+        windows.append(largest)
     with new_folder(out, config.stem) as (folder, final):
         try:
             with console.status("fitting"):
@@ -235,7 +236,7 @@ def verdicts(found: Comparison) -> list[str]:
                 f"{one.name} softens from {100 * soft.strain:.0f} % strain on in {soft.mode}, {where} its window of "
                 f"{100 * found.window:.0f} %: do not use it there."
             )
-    said += [note for one in found.judged for note in one.fit.notes]
+    said += [f"{one.name}: {note}" for one in found.judged for note in one.fit.notes]
     said += [f"{one.name}: a constant is held by a bound." for one in found.judged if one.fit.on_bound.any()]
     if len(found.windows) > 1:
         mus = [window.mu for window in found.windows]
@@ -270,22 +271,23 @@ def _words_of(found: Comparison) -> list[str]:
 def report(found: Comparison, remarks: list[str], console: Console) -> None:
     """Materials by rank, mu by window, and the verdicts."""
     table = PrintedTable(title=f"materials up to {100 * found.window:.0f} % strain", title_justify="left")
-    for heading in ("", "constants", "mu at rest", "RMS error", "AIC", "stable to twice the window"):
-        table.add_column(heading, justify="left" if heading in ("", "constants") else "right")
+    for heading in ("", "constants", "mu at rest", "RMS error", "AIC", "stable"):
+        words = heading in ("", "constants")
+        table.add_column(heading, justify="left" if words else "right", no_wrap=words)
     best = found.judged[0].akaike
     for one in found.judged:
         space = one.fit.fitting.space
         constants = "\n".join(
-            f"{name.removeprefix('material.')} {in_units(x, kind)} +- {_half(one.fit, j)}"
+            f"{name.removeprefix('material.')} {in_units(float(f'{x:.4g}'), kind)} {_half(one.fit, j)}"
             for j, (name, kind, x) in enumerate(zip(space.names, space.kinds, one.fit.x, strict=True))
         )
         table.add_row(
             one.name,
             constants,
-            in_units(float(one.material.shear_modulus()), "pressure"),
+            in_units(float(f"{float(one.material.shear_modulus()):.4g}"), "pressure"),
             in_units(float(f"{one.rmse:.3g}"), "pressure"),
             f"+{one.akaike - best:.1f}",
-            "yes" if not one.softens else f"from {100 * min(s.strain for s in one.softens):.0f} % not",
+            "yes" if not one.softens else f"to {100 * min(s.strain for s in one.softens):.0f} %",
         )
     console.print(table)
     windows = PrintedTable(title="neo-Hookean mu by window", title_justify="left")
@@ -303,7 +305,7 @@ def report(found: Comparison, remarks: list[str], console: Console) -> None:
 def _half(fit: Fit, j: int) -> str:
     """Half of the interval of a parameter, relative."""
     half = 0.5 * (fit.high[j] - fit.low[j]) / abs(fit.x[j])
-    return f"{half:.1%}" if half < 1 else "100 % or more"
+    return f"±{100 * half:.1f} %" if half < 1 else "(uncertain)"
 
 
 def _write_table(path: Path, found: Comparison) -> None:
@@ -355,7 +357,7 @@ def draw(found: Comparison, path: Path) -> None:
     curve = found.curve
     shown = curve.x <= top
     points = plots.Points("measured", curve.x[shown], curve.y[shown] / kPa, (curve.x <= found.window)[shown])
-    title = f"tension, fitted up to {100 * found.window:.0f} % strain"
+    title = f"fitted up to {100 * found.window:.0f} % strain"
     panels = [plots.Panel(title, "engineering strain", "engineering stress (kPa)", [points], lines)]
     if len(found.windows) > 1:
         at = np.array([w.strain for w in found.windows])

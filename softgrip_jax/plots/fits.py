@@ -18,6 +18,10 @@ LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1
 """Of several fitted lines."""
 
 
+HEADROOM = 0.5
+"""Of the range of the data: as far as a line is shown above and below them."""
+
+
 class Points(NamedTuple):
     """Measured points, in the units of the axes."""
 
@@ -48,11 +52,11 @@ class Panel(NamedTuple):
 
 
 def measured_and_fitted(panels: Sequence[Panel]) -> Figure:
-    """Data, fit and its 95 % interval, one diagram per curve, three in a row at most."""
-    columns = min(len(panels), 3)
+    """Data, fit and its 95 % interval, one diagram per curve, two in a row at most."""
+    columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(max(WIDTH * columns / 3, 0.55 * WIDTH), 2.6 * rows))
+        figure = Figure(figsize=(WIDTH * (1.0 if columns > 1 else 0.6), 2.9 * rows))
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
@@ -69,9 +73,11 @@ def _draw(ax, panel: Panel) -> None:
             ax.fill_between(line.x, line.y - line.half, line.y + line.half, color=colour, alpha=0.25, linewidth=0)
         ax.plot(line.x, line.y, color=colour, linestyle=style, label=line.label, zorder=3)
     left_out = False
+    shades = (BODY, GREEN, VERMILION, ORANGE) if len(panel.lines) == 1 else (BODY,)
     for k, points in enumerate(panel.points):
         small = 2.0 if len(points.x) > 60 else 3.5
-        mark = {"marker": MARKS[k % len(MARKS)], "markersize": small, "linestyle": "none", "color": BODY}
+        colour = shades[k % len(shades)]
+        mark = {"marker": MARKS[k % len(MARKS)], "markersize": small, "linestyle": "none", "color": colour}
         ax.plot(points.x[points.used], points.y[points.used], label=points.label, alpha=0.7, **mark)
         if not points.used.all():
             mark |= {"markerfacecolor": "none"}
@@ -82,4 +88,8 @@ def _draw(ax, panel: Panel) -> None:
     ax.set_xlabel(panel.x_label)
     ax.set_ylabel(panel.y_label)
     ax.set_xlim(left=0)
+    # A line may leave the data behind (a material that locks): the data set the scale.
+    measured = np.concatenate([points.y for points in panel.points])
+    room = HEADROOM * np.ptp(measured)
+    ax.set_ylim(max(ax.get_ylim()[0], measured.min() - room), min(ax.get_ylim()[1], measured.max() + room))
     ax.legend(loc="best")
