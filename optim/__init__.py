@@ -8,6 +8,8 @@ from .objectives import Goal as Goal
 from .objectives import Limits as Limits
 from .objectives import Problem as Problem
 from .objectives import Quantity as Quantity
+from .pareto import Front as Front
+from .pareto import pareto as pareto
 from .run import load_run as load_run
 from .search import SearchResult as SearchResult
 from .search import search as search

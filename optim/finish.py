@@ -73,6 +73,20 @@ class InStep:
         self.changed.notify_all()
 
 
+def in_step(evaluate: Any, count: int, work: Callable[[int, Look], np.ndarray]) -> list[np.ndarray]:
+    """work(k, look) for k < count, each in its own thread, their questions answered together."""
+    together = InStep(evaluate, count)
+
+    def one(k: int) -> np.ndarray:
+        try:
+            return work(k, lambda t: together.look(k, t))
+        finally:
+            together.leave()
+
+    with ThreadPoolExecutor(count) as pool:
+        return list(pool.map(one, range(count)))
+
+
 def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scales, judge: Any) -> np.ndarray:
     """The local optimum near each row of unit values.
 
@@ -82,26 +96,21 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
         judge: values -> (Judged, its derivatives by the values).
     """
     squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.sides
-    together = InStep(evaluate, len(candidates))
 
-    def one(k: int) -> np.ndarray:
-        def look(t):
-            return together.look(k, t)
+    def one(k: int, look: Look) -> np.ndarray:
+        if squares:
+            return _least_squares(candidates[k], look, problem, scales)
+        return _programmed(candidates[k], look, judge, bool(problem.sides))
 
-        try:
-            if squares:
-                return _least_squares(candidates[k], look, problem, scales)
-            return _programmed(candidates[k], look, judge, bool(problem.sides))
-        finally:
-            together.leave()
-
-    with ThreadPoolExecutor(len(candidates)) as pool:
-        found = np.stack(list(pool.map(one, range(len(candidates)))))
-    on_bound = np.abs(found - np.round(found)) < ROUNDING
-    return np.where(on_bound, np.round(found), np.clip(found, 0.0, 1.0))
+    return on_bounds(np.stack(in_step(evaluate, len(candidates), one)))
 
 
-def _remembered(function: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
+def on_bounds(t: np.ndarray) -> np.ndarray:
+    """Unit values within [0, 1], those next to a bound on it."""
+    return np.where(np.abs(t - np.round(t)) < ROUNDING, np.round(t), np.clip(t, 0.0, 1.0))
+
+
+def remembered(function: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], Any]:
     """SciPy asks for a value and for its slope one after the other: both come from one solution."""
     seen: dict[bytes, Any] = {}
 
@@ -117,7 +126,7 @@ def _remembered(function: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray],
 def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.ndarray:
     """By SLSQP: objective under constraints."""
 
-    @_remembered
+    @remembered
     def judged(t):
         values, by_t, shortfall = look(t)
         worth, slopes = judge(values)
@@ -141,7 +150,7 @@ def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.
 def _least_squares(t: np.ndarray, look: Look, problem: Problem, scales: Scales) -> np.ndarray:
     """By trust-region least squares over the goals' deviations."""
 
-    @_remembered
+    @remembered
     def deviations(t):
         values, by_t, shortfall = look(t)
         if shortfall > 0:

@@ -162,6 +162,15 @@ class Problem:
         (values, shortfall), found = jax.jacfwd(split, has_aux=True)(t)
         return found, Measured(values, shortfall, found.statuses)
 
+    def terms(self, values: Float[Array, " q"], scales: Scales) -> Float[Array, " g"]:
+        """The term of every goal: what `judge` adds up, and what a trade-off keeps apart."""
+        return jnp.stack(
+            [
+                goal.term(values[self.asked.index(goal.quantity)], scale)
+                for goal, scale in zip(self.goals, scales.goals, strict=True)
+            ]
+        )
+
     def judge(self, values: Float[Array, " q"], scales: Scales) -> Judged:
         """Goals and limits from the quantities."""
         known = jnp.isfinite(values)

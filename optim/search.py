@@ -106,6 +106,11 @@ class Evaluator:
         return Found(found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses)
 
 
+def chunk_for(starts: int) -> int:
+    """Lanes per call, see CPU_CHUNK."""
+    return min(starts, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
+
+
 class Lane(NamedTuple):
     """One descent: what it carries from step to step."""
 
@@ -193,12 +198,12 @@ def search(
         if number < 1:
             raise ValueError(f"{name} is {number}; it must be 1 or more.")
     space, began = problem.space, time.perf_counter()
-    evaluate = Evaluator(problem, min(starts, CPU_CHUNK) if jax.default_backend() == "cpu" else starts)
+    evaluate = Evaluator(problem, chunk_for(starts))
     reference_t = space.to_unit(space.reference)
     at_reference = evaluate(reference_t)
     compiled = time.perf_counter()
     scales = problem.scales(at_reference.values[0])
-    judge = jax.jit(lambda values: _judged_with_slopes(problem, scales, values))
+    judge = jax.jit(lambda values: judged_with_slopes(problem, scales, values))
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
@@ -213,7 +218,7 @@ def search(
     finished = finish(candidates, evaluate, problem, scales, judge)
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
     both = zip(
-        _designs(problem, judge, evaluate, finished), _designs(problem, judge, evaluate, candidates), strict=True
+        designs_at(problem, judge, evaluate, finished), designs_at(problem, judge, evaluate, candidates), strict=True
     )
     designs = [after if after.rank <= before.rank else before for after, before in both]
     order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
@@ -222,7 +227,7 @@ def search(
         chosen = [d for d in chosen if d.feasible]
     return SearchResult(
         problem,
-        _designs(problem, judge, evaluate, reference_t[None])[0],
+        designs_at(problem, judge, evaluate, reference_t[None])[0],
         chosen,
         history,
         evaluate.solves,
@@ -292,7 +297,7 @@ def _replaced(old: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
 
 def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found, step: Any) -> Lane:
     """One step of one lane, from what was found at its u."""
-    judged, slopes = _judged_with_slopes(problem, scales, found.values)
+    judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
     pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * judged.violations)
     objective_slope = slopes.objective @ found.value_slopes
@@ -324,7 +329,7 @@ def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found,
     return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), lane, new)
 
 
-def _judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:
+def judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:
     """`Problem.judge` and its derivatives by the quantities."""
     return problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values)
 
@@ -344,7 +349,7 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
     return kept
 
 
-def _designs(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
+def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
     found, space, designs = evaluate(t), problem.space, []
     labels = problem.constraint_labels()

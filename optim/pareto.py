@@ -1,0 +1,303 @@
+"""Trade-offs: the designs that cannot be better in one goal without being worse in another.
+
+1. A Sobol set of designs, solved once, is where everything starts from.
+2. Each goal alone is brought to its optimum (of three, also every two together): the ends of the front. They span the
+   range of every goal, in which all are measured from now on: 0 is its best, 1 its worst at the other ends.
+3. From points p spread evenly over the flat between the ends, the front is approached along the diagonal (Pascoletti
+   and Serafini 1984; Das and Dennis 1998):  least s  with  f_i(x) <= p_i + s  for every goal i, and the constraints.
+   All of these are solved at once by SLSQP with exact slopes, from the best design that is known for each. What one
+   found may be a better start for another: those are solved again.
+4. Of two goals this is done for a few points first; more are then placed so that the designs are evenly spaced along
+   the front, and begin from designs in between.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable
+from functools import partial
+from itertools import product
+from typing import Any
+
+import jax
+import numpy as np
+from scipy.optimize import minimize
+from scipy.stats import qmc
+
+from .finish import Look, in_step, on_bounds, remembered
+from .objectives import Problem, Scales
+from .search import FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
+
+ANCHOR_STARTS = 2
+"""Designs from which each end of the front is sought."""
+
+OTHERS = 1e-3
+"""Part of the other goals in the search for an end: of several best designs, the one that is better in the rest."""
+
+ROUNDS = 2
+"""Of solving again what another design gives a better start."""
+
+ENDS, ENOUGH = 40, 20
+"""Steps of SLSQP towards an end and a point of the front: fast from nearby, but at a kink of a goal it would creep."""
+
+SCOUTS = 9
+"""Points of a front of two goals that say how it runs."""
+
+BETTER = 1e-3
+"""A start is better when it is nearer by this part of the range."""
+
+FAR = 10.0
+"""In ranges: from a point this far along one goal, the diagonal asks nothing of it."""
+
+DISTINCT = 1e-3
+"""Two designs whose goals all differ by less of their ranges are one point of the front."""
+
+REACH = 1e3
+"""What a goal is worth without equilibrium, in ranges: a step that led there is taken back."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Front:
+    """A trade-off between the goals of a problem."""
+
+    problem: Problem
+    designs: list[Design]
+    """Feasible, none better in every goal than another, in the order of the first goal."""
+    terms: np.ndarray
+    """(design, goal): the scaled terms, to be minimised."""
+    solves: int
+    """Designs evaluated, each with its derivatives."""
+    seconds: dict[str, float]
+
+
+def pareto(
+    problem: Problem,
+    *,
+    points: int = 21,
+    starts: int = 64,
+    seed: int = 0,
+    report: Callable[[str, int], None] = lambda stage, solves: None,
+) -> Front:
+    """The front of two or three goals under the limits of a problem.
+
+    Args:
+        problem: its goals are kept apart; their weights play no part.
+        points: about how many designs on the front (of three goals, the next full triangle of them).
+        starts: number of designs looked at before.
+        seed: of these.
+        report: called with the name of every stage and the solves so far.
+    """
+    goals = len(problem.goals)
+    if goals not in (2, 3):
+        raise ValueError(f"A trade-off is between two or three goals; there are {goals}.")
+    if points < 2:
+        raise ValueError(f"points is {points}; it must be 2 or more.")
+    began = time.perf_counter()
+    known = _Known(problem, starts, seed)
+    compiled = time.perf_counter()
+    report("ends", known.evaluate.solves)
+    known.find_ends()
+    report("front", known.evaluate.solves)
+    if goals == 2:
+        scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
+        report("spacing", known.evaluate.solves)
+        flat, between = _evenly(known.scaled()[scouts], known.t[scouts], points)
+        known.add(between)
+        rows = np.concatenate([scouts[[0, -1]], known.approach(flat)])
+    else:
+        rows = known.approach(_simplex(goals, points))
+    rows = known.undominated(rows)
+    report("done", known.evaluate.solves)
+    t, terms = known.t[rows], known.terms[rows]
+    designs = designs_at(problem, known.judge, known.evaluate, t)
+    seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
+    return Front(problem, designs, terms, known.evaluate.solves, seconds)
+
+
+class _Known:
+    """Every design that was solved, and the ways to better ones."""
+
+    def __init__(self, problem: Problem, starts: int, seed: int):
+        space = problem.space
+        self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts))
+        reference = self.evaluate(space.to_unit(space.reference))
+        scales: Scales = problem.scales(reference.values[0])
+        self.judge = jax.jit(partial(judged_with_slopes, problem, scales))
+        self.terms_of = jax.jit(
+            lambda values: (problem.terms(values, scales), jax.jacfwd(problem.terms)(values, scales))
+        )
+        power = int(np.ceil(np.log2(max(starts, 2))))
+        t = qmc.Sobol(space.size, rng=seed).random_base2(power)
+        t = np.concatenate([np.clip(space.to_unit(space.reference), 0, 1)[None], t])[:starts]
+        self.t, self.terms, self.broken = np.zeros((0, space.size)), np.zeros((0, len(problem.goals))), np.zeros(0)
+        self.add(t)
+        if not np.any(np.isfinite(self.broken)):
+            # Nothing has an equilibrium: the search knows how to climb back.
+            found = search(problem, starts=starts, steps=50, seed=seed)
+            self.evaluate.solves += found.solves
+            self.add(np.stack([design.t for design in found.designs]))
+        if not np.any(np.isfinite(self.broken)):
+            raise ValueError("No design with an equilibrium was found; there is no front to begin with.")
+        self.best, self.worst = np.zeros(len(problem.goals)), np.ones(len(problem.goals))
+
+    def add(self, t: np.ndarray) -> None:
+        """Solve designs and keep them; `broken`: the largest violation, inf without equilibrium."""
+        found = self.evaluate(t)
+        terms, broken = [], []
+        for values, shortfall in zip(found.values, found.shortfall, strict=True):
+            judged, _ = self.judge(values)
+            terms.append(np.asarray(self.terms_of(values)[0]))
+            broken.append(np.inf if shortfall > 0 else float(np.max(np.asarray(judged.violations), initial=0.0)))
+        self.t = np.concatenate([self.t, t])
+        self.terms = np.concatenate([self.terms, np.stack(terms)])
+        self.broken = np.concatenate([self.broken, broken])
+
+    def scaled(self) -> np.ndarray:
+        """Terms in the ranges between the ends."""
+        return (self.terms - self.best) / np.maximum(self.worst - self.best, 1e-12)
+
+    def find_ends(self) -> None:
+        """Bring each goal to its best; `best` and `worst` are then the ranges that the ends span."""
+        solved = np.isfinite(self.broken)
+        spread = np.maximum(np.ptp(self.terms[solved], axis=0), 1e-12)
+        self.best, self.worst = np.zeros(len(spread)), spread
+        goals = len(spread)
+        weights = np.eye(goals) + OTHERS * (1 - np.eye(goals))
+        starts = []
+        for weight in weights:
+            merit = np.where(solved, self.scaled() @ weight + 10 * np.minimum(self.broken, 1e6), np.inf)
+            starts += [(weight, self.t[k]) for k in np.argsort(merit, kind="stable")[:ANCHOR_STARTS] if solved[k]]
+        found = in_step(self.evaluate, len(starts), lambda k, look: self._sum(look, starts[k][1], starts[k][0]))
+        self.add(on_bounds(np.stack(found)))
+        feasible = self.broken <= FEASIBLE
+        if not np.any(feasible):
+            raise ValueError("No design that keeps every constraint was found; there is no front.")
+        if goals == 2:
+            merits = np.where(feasible[:, None], self.scaled() @ weights.T, np.inf)
+            ends = self.terms[np.argmin(merits, axis=0)]
+        else:
+            # The best of one goal leaves the others open. A corner is where all others are as good as they can be.
+            self.best = np.min(self.terms[feasible], axis=0)
+            self.worst = self.best + spread
+            ends = self.terms[self.approach(FAR * np.eye(goals))]
+        self.best, self.worst = np.min(ends, axis=0), np.max(ends, axis=0)
+
+    def approach(self, flat: np.ndarray) -> np.ndarray:
+        """The front from each point of the flat, again where another result gives a better start; rows of the best."""
+        reached = np.full(len(flat), np.inf)
+        for _ in range(ROUNDS):
+            nearest, distance = self.nearest(flat)
+            behind = np.flatnonzero(distance < reached - BETTER)
+            if not len(behind):
+                break
+            todo = [(flat[k], self.t[nearest[k]]) for k in behind]
+            found = in_step(
+                self.evaluate, len(todo), lambda k, look, todo=todo: self._diagonal(look, todo[k][1], todo[k][0])
+            )
+            before = len(self.t)
+            self.add(on_bounds(np.stack(found)))
+            reached[behind] = self.distances(flat[behind])[np.arange(len(behind)), before + np.arange(len(behind))]
+        return self.nearest(flat)[0]
+
+    def distances(self, flat: np.ndarray) -> np.ndarray:
+        """(point, design): s of every design from every point of the flat; what breaks a constraint is further."""
+        s = np.max(self.scaled()[None] - flat[:, None], axis=2)
+        s = np.where(self.broken <= FEASIBLE, s, s + 1 + 10 * np.minimum(self.broken, 1e6))
+        return np.where(np.isfinite(self.broken), s, np.inf)
+
+    def nearest(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(row, s) of the best design for every point of the flat."""
+        distances = self.distances(flat)
+        rows = np.argmin(distances, axis=1)
+        return rows, distances[np.arange(len(flat)), rows]
+
+    def undominated(self, rows: np.ndarray) -> np.ndarray:
+        """Those of `rows` that are feasible and that nothing known is better than, by their goals, none twice."""
+        feasible = np.flatnonzero(self.broken <= FEASIBLE)
+        scaled, kept = self.scaled(), []
+        for k in rows[np.lexsort(self.terms[rows].T[::-1])]:
+            others = scaled[feasible]
+            better = np.all(others <= scaled[k] + BETTER**2, axis=1) & np.any(others < scaled[k] - BETTER, axis=1)
+            same = any(np.max(np.abs(scaled[k] - scaled[j])) < DISTINCT for j in kept)
+            if self.broken[k] <= FEASIBLE and not np.any(better) and not same:
+                kept.append(k)
+        return np.array(kept, dtype=int)
+
+    # --- one program ----------------------------------------------------------------------------------------------
+
+    def _seen(self, look: Look) -> Callable[[np.ndarray], Any]:
+        """t -> (scaled terms, slopes, violations, slopes)."""
+        ranges = np.maximum(self.worst - self.best, 1e-12)
+
+        @remembered
+        def seen(t):
+            values, by_t, shortfall = look(t)
+            judged, slopes = self.judge(values)
+            violations, pushes = np.asarray(judged.violations), np.asarray(slopes.violations)
+            if shortfall > 0:
+                lost = np.full(len(ranges), REACH * (1 + shortfall))
+                return lost, np.zeros((len(ranges), len(t))), violations + REACH, 0 * pushes @ by_t
+            terms, by_value = (np.asarray(v) for v in self.terms_of(values))
+            return (terms - self.best) / ranges, by_value @ by_t / ranges[:, None], violations, pushes @ by_t
+
+        return seen
+
+    def _sum(self, look: Look, t: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """The least weighted sum of the goals."""
+        seen = self._seen(look)
+        constraint = {"type": "ineq", "fun": lambda t: -seen(t)[2], "jac": lambda t: -seen(t)[3]}
+        return minimize(
+            lambda t: float(weight @ seen(t)[0]),
+            t,
+            jac=lambda t: weight @ seen(t)[1],
+            bounds=[(0.0, 1.0)] * len(t),
+            constraints=[constraint] if self.problem.sides else [],
+            method="SLSQP",
+            options={"maxiter": ENDS, "ftol": 1e-9},
+        ).x
+
+    def _diagonal(self, look: Look, t: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """The least s with every goal at most p_i + s."""
+        seen = self._seen(look)
+
+        def room(ts):
+            terms, _, violations, _ = seen(ts[:-1])
+            return np.concatenate([point + ts[-1] - terms, -violations])
+
+        def slopes(ts):
+            _, by_terms, _, by_violations = seen(ts[:-1])
+            return np.block(
+                [[-by_terms, np.ones((len(point), 1))], [-by_violations, np.zeros((len(by_violations), 1))]]
+            )
+
+        began = float(np.max(seen(t)[0] - point))
+        last = np.append(np.zeros(len(t)), 1.0)
+        return minimize(
+            lambda ts: ts[-1],
+            np.append(t, began),
+            jac=lambda ts: last,
+            bounds=[(0.0, 1.0)] * len(t) + [(-10.0, None)],
+            constraints=[{"type": "ineq", "fun": room, "jac": slopes}],
+            method="SLSQP",
+            options={"maxiter": ENOUGH, "ftol": 1e-7},
+        ).x[:-1]
+
+
+def _simplex(goals: int, points: int) -> np.ndarray:
+    """Points with coordinates that add up to 1, evenly spread (Das and Dennis), of about the wanted number."""
+    parts = points - 1
+    if goals == 3:
+        parts = int(np.ceil((np.sqrt(8 * points + 1) - 3) / 2))
+    return np.array([p for p in product(range(parts + 1), repeat=goals) if sum(p) == parts]) / parts
+
+
+def _evenly(front: np.ndarray, t: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where on the flat to begin so that designs are evenly spaced between the ends of a front of two goals, and
+    designs to begin with."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front, axis=0).T))])
+    wanted = np.linspace(0, along[-1], points)[1:-1]
+    places = np.stack([np.interp(wanted, along, front[:, i]) for i in range(2)], axis=1)
+    # Back along the diagonal to the flat.
+    flat = places + 0.5 * (1 - np.sum(places, axis=1, keepdims=True))
+    return flat, np.stack([np.interp(wanted, along, column) for column in t.T], axis=1)

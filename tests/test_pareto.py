@@ -1,0 +1,171 @@
+"""Trade-offs: on the known front of published problems, evenly spread, and at least as good as NSGA-II's."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import shell
+
+import softgrip_jax as sg
+from optim.objectives import Goal, Limits, Measured, Problem, Quantity
+from optim.pareto import pareto
+from optim.search import FEASIBLE, Evaluator
+from optim.variables import Space, Variable
+from softgrip_jax.units import gram, kPa, mm
+
+LEAVES = ("shell.a", "shell.b", "shell.t_m", "gap")
+
+
+class Formulas(Problem):
+    """Goals and limits (at most zero) that are formulas of the variables instead of physics."""
+
+    def __init__(self, goals, low, high, limits=()):
+        scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm)
+        space = Space(
+            {"toy": scene}, [Variable(n, lo, hi) for n, lo, hi in zip(LEAVES[: len(low)], low, high, strict=True)]
+        )
+        space.reference = 0.5 * (space.low + space.high)
+        # Any observable will do: `measure` below gives them their values.
+        quantities = [Quantity(name, "required", "toy") for name in list(sg.shell.Grasp.OBSERVABLES)]
+        wanted = [Goal("minimise", quantities[k], scale=1.0) for k in range(len(goals))]
+        kept = [Limits(quantities[len(goals) + k], high=0.0, scale=1.0) for k in range(len(limits))]
+        super().__init__(space, wanted, kept)
+        self.formulas = [*goals, *limits]
+
+    def measure(self, t):
+        x = self.space.from_unit(t)
+        return Measured(jnp.stack([f(x) for f in self.formulas]), jnp.asarray(0.0), jnp.zeros(1, int))
+
+
+def gaps(terms):
+    """Distances of neighbours on a front of two goals, in the ranges of the goals."""
+    return np.hypot(*np.diff((terms - terms.min(0)) / np.ptp(terms, axis=0), axis=0).T)
+
+
+def is_front(terms):
+    better = np.all(terms[None] <= terms[:, None], axis=2) & np.any(terms[None] < terms[:, None], axis=2)
+    return not np.any(better)
+
+
+def test_a_convex_front():
+    """Schaffer 1985: f = (x^2, (x - 2)^2), the front is sqrt(f1) + sqrt(f2) = 2; a second variable must vanish."""
+    front = pareto(
+        Formulas([lambda x: x[0] ** 2 + x[1] ** 2, lambda x: (x[0] - 2) ** 2 + x[1] ** 2], [-3.0, -1.0], [3.0, 2.0]),
+        points=21,
+    )
+    assert len(front.designs) == 21
+    np.testing.assert_allclose(np.sum(np.sqrt(front.terms), axis=1), 2, atol=1e-5)
+    np.testing.assert_allclose(front.terms[[0, -1]], [[0, 4], [4, 0]], atol=0.02)
+    assert gaps(front.terms).max() < 1.25 * gaps(front.terms).min()
+
+
+def test_a_front_that_no_weighted_sum_finds():
+    """Fonseca and Fleming 1995: a concave front, x = y in [-1/sqrt(2), 1/sqrt(2)]."""
+    half = 1 / np.sqrt(2)
+    goals = [lambda x, s=s: 1 - jnp.exp(-jnp.sum((x - s * half) ** 2)) for s in (1, -1)]
+    front = pareto(Formulas(goals, [-4.0, -4.0], [4.0, 4.0]), points=15)
+    x = np.stack([d.x for d in front.designs])
+    np.testing.assert_allclose(x[:, 0], x[:, 1], atol=1e-3)
+    assert len(x) == 15
+    assert gaps(front.terms).max() < 1.25 * gaps(front.terms).min()
+
+
+def test_three_goals():
+    """Deb et al. 2002 (DTLZ2): the front is the part of the unit sphere with positive coordinates."""
+
+    def radius(x):
+        return 1 + (x[2] - 0.5) ** 2
+
+    c, s = (lambda x: jnp.cos(0.5 * jnp.pi * x)), (lambda x: jnp.sin(0.5 * jnp.pi * x))
+    goals = [
+        lambda x: radius(x) * c(x[0]) * c(x[1]),
+        lambda x: radius(x) * c(x[0]) * s(x[1]),
+        lambda x: radius(x) * s(x[0]),
+    ]
+    front = pareto(Formulas(goals, [0.0] * 3, [1.0] * 3), points=28)
+    assert 24 <= len(front.designs) <= 28
+    np.testing.assert_allclose(np.linalg.norm(front.terms, axis=1), 1, atol=1e-4)
+    assert is_front(front.terms)
+    # Evenly: nobody's nearest neighbour is much further than another's.
+    apart = np.linalg.norm(front.terms[:, None] - front.terms[None], axis=2) + 9 * np.eye(len(front.terms))
+    assert apart.min(axis=1).max() < 3 * apart.min(axis=1).min()
+
+
+def binh_korn():
+    """Binh and Korn 1997: two goals, two limits."""
+    goals = [lambda x: 4 * x[0] ** 2 + 4 * x[1] ** 2, lambda x: (x[0] - 5) ** 2 + (x[1] - 5) ** 2]
+    limits = [
+        lambda x: ((x[0] - 5) ** 2 + x[1] ** 2 - 25) / 25,
+        lambda x: (7.7 - (x[0] - 8) ** 2 - (x[1] + 3) ** 2) / 7.7,
+    ]
+    return Formulas(goals, [0.0, 0.0], [5.0, 3.0], limits)
+
+
+def rival(problem, solves, population=100, seed=1):
+    """The front of pymoo's NSGA-II (Deb et al. 2002) with a number of solves."""
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.core.problem import Problem as Rivals
+    from pymoo.optimize import minimize
+
+    evaluate = Evaluator(problem, 128)
+    scales = problem.scales(evaluate(problem.space.to_unit(problem.space.reference)).values[0])
+
+    class Wrapped(Rivals):
+        def _evaluate(self, x, out, *args, **kwargs):
+            found = evaluate(x)
+            lost = found.shortfall > 0
+            terms = np.stack([problem.terms(jnp.asarray(v), scales) for v in found.values])
+            broken = np.stack([problem.judge(jnp.asarray(v), scales).violations for v in found.values])
+            out["F"] = np.where(lost[:, None], 1e3, terms)
+            out["G"] = np.column_stack([broken, np.where(lost, found.shortfall, -1.0)])
+
+    n = problem.space.size
+    wrapped = Wrapped(n_var=n, n_obj=len(problem.goals), n_ieq_constr=len(problem.sides) + 1, xl=0.0, xu=1.0)
+    generations = solves // population
+    return minimize(wrapped, NSGA2(pop_size=population), ("n_gen", generations), seed=seed).F
+
+
+def volume(terms, worst):
+    from pymoo.indicators.hv import HV
+
+    return HV(ref_point=worst)(terms)
+
+
+def beats(problem, front, times):
+    """Hypervolume over that of NSGA-II with `times` the solves, from the worst of both."""
+    other = rival(problem, times * front.solves)
+    worst = np.maximum(front.terms.max(axis=0), other.max(axis=0))
+    low = np.minimum(front.terms.min(axis=0), other.min(axis=0))
+    worst = low + 1.1 * (worst - low)
+    return volume(front.terms, worst) / volume(other, worst)
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_tenth_of_the_solves_of_nsga_ii():
+    problem = binh_korn()
+    front = pareto(problem, points=100)
+    assert all(design.feasible and design.violation <= FEASIBLE for design in front.designs)
+    assert is_front(front.terms)
+    assert beats(problem, front, 10) >= 1 - 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_the_gripper_with_a_tenth_of_the_solves_of_nsga_ii():
+    grasp = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
+    bounds = np.array([(8, 24), (25, 50), (0.8, 2), (2, 12)]) * mm
+    space = Space({"scene": grasp}, [Variable(n, *b) for n, b in zip(LEAVES, bounds, strict=True)])
+    goals = [
+        Goal("minimise", Quantity("pressure", "required"), scale=10 * kPa),
+        Goal("maximise", Quantity("limit_margin", "required"), scale=1.0),
+    ]
+    problem = Problem(space, goals, [Limits(Quantity("stretch", "required"), high=1.12)])
+    front = pareto(problem, points=41)
+    assert len(front.designs) >= 38
+    assert all(design.feasible for design in front.designs)
+    assert gaps(front.terms).max() < 1.5 * gaps(front.terms).min()
+    assert beats(problem, front, 10) >= 1
+
+
+def test_goals_must_be_two_or_three():
+    with pytest.raises(ValueError, match="between two or three goals; there are 1"):
+        pareto(Formulas([lambda x: x[0]], [0.0], [1.0]))
