@@ -175,7 +175,7 @@ def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0) -> Fit:
     require_data(fitting)
     space = fitting.space
     home = space.inside(space.to_unit(space.reference))
-    cloud = qmc.Sobol(space.size, seed=seed).random_base2(int(np.ceil(np.log2(starts)))) if starts > 1 else []
+    cloud = qmc.Sobol(space.size, rng=seed).random_base2(int(np.ceil(np.log2(starts)))) if starts > 1 else []
     units = np.array([home, *cloud])[:starts]
     lanes = [fitting.lane(to_free(space.inside(t))) for t in units]
     tried = run_lanes(fitting, lanes)

@@ -11,17 +11,12 @@ from __future__ import annotations
 
 import csv
 import json
-import platform
-import time
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
-import tomli_w
 from rich.console import Console
 
-import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.materials import Material
@@ -29,6 +24,7 @@ from softgrip_jax.units import DISPLAY, unit_key
 
 from . import calibrate_settings as settings
 from .calibrate import Fit, calibrate
+from .calibrate_files import made, material_text, provenance
 from .calibrate_report import Findings, autocorrelation, examine, is_determined, report
 from .curve_files import Curve
 from .run import new_folder
@@ -72,17 +68,6 @@ def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings)
     write_points(folder / "points.csv", fit)
     (folder / "result.json").write_text(json.dumps(_summary(findings), indent=2), encoding="utf-8")
     draw(fit, folder / "fit.png")
-
-
-def provenance(name: str) -> str:
-    """The first line of what a calibration writes."""
-    return f"Fitted to measured curves by softgrip_jax {sg.__version__}, as {name} says."
-
-
-def material_text(material: Material, comment: str) -> str:
-    """A file with the section [material], for `material = "..."` in a config."""
-    table = {"material": configs.to_table(material, (Material,))}
-    return "".join(f"# {line}\n" for line in comment.splitlines()) + tomli_w.dumps(table)
 
 
 def _one_material(scenes: dict[str, Any]) -> Material | None:
@@ -163,19 +148,6 @@ def _summary(findings: Findings) -> dict[str, Any]:
         "loss": fit.fitting.loss,
         "steps": fit.steps,
         **made(),
-    }
-
-
-def made() -> dict[str, Any]:
-    """When and by what."""
-    return {
-        "finished": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "versions": {
-            "softgrip_jax": sg.__version__,
-            "jax": jax.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
     }
 
 

@@ -111,7 +111,7 @@ def read_columns(path: Path, columns: Sequence[Column]) -> tuple[np.ndarray, lis
     whole = np.all(np.isfinite(data), axis=1)
     notes = []
     if not whole.all():
-        notes.append(f"{path.name}: {_count(np.sum(~whole), 'row')} with a missing value left out.")
+        notes.append(f"{path.name}: {_count(int(np.sum(~whole)), 'row')} with a missing value left out.")
     data = data[whole]
     _, first = np.unique(data, axis=0, return_index=True)
     if len(first) < len(data):

@@ -141,6 +141,9 @@ class _Marquardt(optx.LevenbergMarquardt):
     rejected every other time, and the damping grows until the steps vanish.
     """
 
+    def __init__(self) -> None:
+        super().__init__(rtol=TOLERANCE, atol=TOLERANCE)
+
     def terminate(self, fn, y, args, options, state, tags):
         done, result = super().terminate(fn, y, args, options, state, tags)
         step = jnp.max(jnp.abs(state.y_eval - y))
@@ -227,8 +230,9 @@ class Fitting:
             whole = jnp.concatenate([weighted, jnp.where(lane.free, 0.0, u - lane.start)])
             return whole, (0.5 * jnp.sum(residuals**2 * lane.weight), predicted)
 
-        solver = _Marquardt(rtol=TOLERANCE, atol=TOLERANCE)
-        end = optx.least_squares(scaled, solver, lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False)
+        end = optx.least_squares(
+            scaled, _Marquardt(), lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False
+        )
         cost, predicted = end.aux
         x = self.space.from_unit(to_unit(end.value))
         settled = end.result == optx.RESULTS.successful
@@ -274,17 +278,17 @@ class Fitting:
         of_curve, count = self.of_curve, len(self.curves)
         sigma = lane.sigma[of_curve]
         weight = lane.weight * predicted.response.ok
-        jacobian = predicted.slopes * scales / sigma[:, None] * jnp.sqrt(weight)[:, None]
+        jacobian = predicted.slopes * jnp.asarray(scales)[None, :] * (jnp.sqrt(weight) / sigma)[:, None]
         covariance = _inverse_square(jacobian)
         r = jnp.where(weight > 0, (predicted.response.values - lane.y) / sigma, 0.0)
         leverage = jnp.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
-        curves = jnp.arange(count)[:, None] == of_curve
-        freedom = jnp.sum(curves * (weight - leverage), axis=1)
-        points = jnp.sum(curves * weight, axis=1)
+        curves = jnp.arange(count)[:, None] == of_curve[None, :]
+        freedom, points = curves @ (weight - leverage), curves @ weight
         if self.loss == "linear":
-            square = jnp.sum(curves * weight * r**2, axis=1) / jnp.where(freedom > 0, freedom, 1.0)
+            square = curves @ (weight * r**2) / jnp.where(freedom > 0, freedom, 1.0)
         else:
-            typical = jnp.nanmedian(jnp.where(curves & (weight > 0), jnp.abs(r), jnp.nan), axis=1)
+            seen = curves & (weight > 0)[None, :]
+            typical = jnp.nanmedian(jnp.where(seen, jnp.abs(r)[None, :], jnp.nan), axis=1)
             square = (NORMAL_MAD * typical) ** 2 * points / jnp.where(freedom > 0, freedom, 1.0)
         least = (LEAST_NOISE * self.sizes) ** 2
         estimated = jnp.sqrt(jnp.maximum(square * lane.sigma**2, least))

@@ -147,8 +147,11 @@ def _shell_scenes(scene: Any) -> list[tuple[str, Scene]]:
 def _finger_scenes(scene: Any) -> list[tuple[str, Scene]]:
     finger = scene.finger
     return [
-        ("the free bending of the finger without weight", sg.pneunet.Free(finger, weight=None, inclination="none")),
-        ("the blocked force of the finger", sg.pneunet.TipContact(finger)),
+        (
+            "the free bending of the finger without weight",
+            sg.pneunet.Free(finger=finger, weight=(0.0, 0.0), inclination="none"),
+        ),
+        ("the blocked force of the finger", sg.pneunet.TipContact(finger=finger)),
     ]
 
 

@@ -98,15 +98,19 @@ def _gent(mu: float, largest: float) -> Candidate:
     )
 
 
-def _ogden(mu: float, largest: float) -> Candidate:
-    """Two terms with positive mu and alpha, which no stretch makes unstable: one soft, one that stiffens."""
-    return Candidate(
-        materials.Ogden(mu=[mu / 2, mu / 8], alpha=[2.0, 4.0]),
-        [
+def _ogden(terms: int) -> Callable[[float, float], Candidate]:
+    """Terms with positive mu and alpha, which no stretch makes unstable: one soft, a second one that stiffens."""
+
+    def make(mu: float, largest: float) -> Candidate:
+        start = materials.Ogden(mu=[mu / 2, mu / 8][:terms], alpha=[2.0, 4.0][:terms])
+        # A term may vanish: its mu goes further down than a modulus needs to.
+        variables = [
             Variable("material.mu", mu / WIDE**2, mu * WIDE, "log"),
             Variable("material.alpha", 0.3, 20.0, "log"),
-        ],
-    )
+        ]
+        return Candidate(start, variables)
+
+    return make
 
 
 CANDIDATES: dict[str, Callable[[float, float], Candidate]] = {
@@ -114,7 +118,8 @@ CANDIDATES: dict[str, Callable[[float, float], Candidate]] = {
     "MooneyRivlin": _mooney_rivlin,
     "Yeoh": _yeoh,
     "Gent": _gent,
-    "Ogden": _ogden,
+    "Ogden": _ogden(1),
+    "Ogden2": _ogden(2),
 }
 """Name -> candidate from (first guess of mu in Pa, largest I_1 - 3 of the window)."""
 
@@ -176,7 +181,8 @@ def softening(material: Material, strain: float) -> list[Softening]:
 def material_of(model: Any) -> Material | None:
     """The material of a scene's actuator, or of a test."""
     for owner in (model, getattr(model, "shell", None), getattr(model, "finger", None)):
-        if isinstance(getattr(owner, "material", None), Material):
-            return owner.material
+        material = getattr(owner, "material", None)
+        if isinstance(material, Material):
+            return material
     gripper = getattr(model, "gripper", None)
     return None if gripper is None else material_of(gripper)

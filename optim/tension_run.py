@@ -39,6 +39,8 @@ from softgrip_jax.sections import Table
 from softgrip_jax.units import kPa
 
 from .calibrate import Fit, calibrate, finished, with_noise
+from .calibrate_files import made, material_text, provenance
+from .calibrate_settings import ColumnTable, column, read_specimens
 from .curve_files import Curve
 from .fitting import Fitting
 from .run import new_folder
@@ -55,15 +57,10 @@ STARTS = 16
 """Several exponents of an Ogden material fit nearly as well: more starts than for a scene."""
 
 
-class TensionColumn(Table):
-    column: str
-    unit: str
-
-
 class TensionTable(Table):
     file: str | list[str]
-    strain: TensionColumn
-    stress: TensionColumn
+    strain: ColumnTable
+    stress: ColumnTable
     materials: list[Literal[tuple(CANDIDATES)]] = pydantic.Field(  # type: ignore[valid-type]
         default=list(CANDIDATES), min_length=1
     )
@@ -179,8 +176,6 @@ def _require_points(curve: Curve, inside: np.ndarray, window: float) -> None:
 
 def read(path: Path) -> tuple[TensionTable, Curve]:
     """The section [tension] and its data."""
-    from .calibrate_settings import column, read_specimens
-
     where = f"{path}, [tension]"
     table: TensionTable = configs.validated(TensionTable, configs.read_sections(path)["tension"], where)
     x, y = column(table.strain, "number", where), column(table.stress, "pressure", where)
@@ -192,8 +187,6 @@ def read(path: Path) -> tuple[TensionTable, Curve]:
 
 def run_tension(config: Path, out: Path | None, console: Console) -> Path:
     """Compare materials as the config says; the folder that holds it."""
-    from .calibrate_run import material_text, provenance
-
     table, curve = read(config)
     given = configs.standalone(config)
     largest = float(curve.x.max())
@@ -319,8 +312,6 @@ def _write_table(path: Path, found: Comparison) -> None:
 
 
 def _summary(found: Comparison, remarks: list[str]) -> dict[str, Any]:
-    from .calibrate_run import made
-
     def one(judged: Judged) -> dict[str, Any]:
         names = [name.removeprefix("material.") for name in judged.fit.fitting.space.names]
         return {

@@ -1,0 +1,251 @@
+"""Calibration against SciPy, lmfit, closed forms and known truth; nothing here is compared with a stored output."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from scipy import optimize, stats
+
+import softgrip_jax as sg
+from optim.calibrate import by_specimen, calibrate, held_out, implausible
+from optim.curve_files import Curve
+from optim.fitting import CAUCHY, HUBER, SOFT_L1, Fitting
+from optim.identify import unknown_directions
+from optim.intervals import bootstrap_fits, intervals
+from optim.tension import Tension
+from optim.variables import Variable, to_free
+from softgrip_jax.units import kPa, mm
+
+A, B, T = 16 * mm, 43 * mm, 1.1 * mm
+MU = Variable("shell.material.mu", 20 * kPa, 2000 * kPa, "log")
+THICKNESS = Variable("shell.t_m", 0.3 * mm, 5 * mm, "log")
+
+
+def shell(mu=175 * kPa, t_m=T):
+    return sg.FlatShell(a=A, b=B, t_m=t_m, material=sg.NeoHookean(mu=mu))
+
+
+def inflation(mu, pressure):
+    """Free inflation by SciPy from the thesis's equations."""
+    design = {"a": A, "b": B, "t_m": T, "material": {"kind": reference.NEO, "mu": mu}}
+    angles = [optimize.brentq(lambda th, p=p: reference.free(th, design)[0] - p, 1e-6, 1.5) for p in pressure]
+    return A * np.tan(0.5 * np.array(angles))
+
+
+PRESSURES = np.linspace(1, 14, 20) * kPa
+
+
+def free_curve(y, noise=None, x=PRESSURES, **more):
+    return Curve("free", "free", "inflation", "length", np.asarray(x), np.asarray(y), noise=noise, **more)
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return inflation(175 * kPa, PRESSURES) + 0.1 * mm * np.random.default_rng(3).normal(size=20)
+
+
+@pytest.fixture(scope="module")
+def fitting(noisy):
+    return Fitting({"free": sg.shell.Free(shell(120 * kPa))}, [MU], [free_curve(noisy)])
+
+
+@pytest.fixture(scope="module")
+def fit(fitting):
+    return calibrate(fitting)
+
+
+def test_the_fit_is_lmfits(fit, noisy):
+    """lmfit with finite differences on SciPy's solution of the same equations: value to 1e-6, error to 1e-3."""
+    lmfit = pytest.importorskip("lmfit")
+    start = lmfit.Parameters()
+    start.add("mu", value=200.0, min=130, max=2000)
+    found = lmfit.minimize(
+        lambda p: (inflation(p["mu"].value * kPa, PRESSURES) - noisy) / mm, start, xtol=1e-12, ftol=1e-12
+    )
+    assert fit.x[0] == pytest.approx(found.params["mu"].value * kPa, rel=1e-6)
+    assert fit.deviation[0] * fit.x[0] == pytest.approx(found.params["mu"].stderr * kPa, rel=1e-3)
+    assert float(fit.lane.sigma[0]) == pytest.approx(np.sqrt(found.redchi) * mm, rel=1e-3)
+
+
+def test_intervals_cover_the_truth():
+    """500 experiments on a plane at an unknown distance, in one vmap: 95 % of the intervals hold the truth."""
+    truth = np.array([175 * kPa, 5 * mm])
+    pressure = np.linspace(4, 18, 20) * kPa
+    scene = sg.shell.FlatContact(shell(), distance=truth[1])
+    force = np.asarray(sg.path(scene, pressure).force)
+    curve = Curve("contact", "contact", "force", "force", pressure, force)
+    problem = Fitting({"contact": scene}, [MU, Variable("distance", 2 * mm, 10 * mm)], [curve])
+    start = to_free(problem.space.to_unit([140 * kPa, 4 * mm]))
+    lane = problem.lane(start)
+
+    def experiment(y):
+        end = problem.fit_lane(lane._replace(y=y))
+        scales = problem.scales(end.x)
+        first = problem.statistics(end.predicted, lane._replace(y=y), scales)
+        final = problem.statistics(end.predicted, lane._replace(y=y, sigma=first.sigma), scales)
+        return end.x, end.converged, jnp.sqrt(jnp.diagonal(final.covariance))
+
+    y = force + 0.2 * np.random.default_rng(11).normal(size=(500, 20))
+    x, converged, deviation = map(np.asarray, jax.jit(jax.vmap(experiment))(jnp.asarray(y)))
+    assert converged.all()
+    change = np.stack([np.log(truth[0] / x[:, 0]), (truth[1] - x[:, 1]) / (8 * mm)], axis=1)
+    inside = np.abs(change) <= stats.t.ppf(0.975, 18) * deviation
+    # 99.9 % of binomial counts of 500 at 0.95 lie between these.
+    low, high = stats.binom.ppf([0.0005, 0.9995], 500, 0.95)
+    assert np.all((inside.sum(axis=0) >= low) & (inside.sum(axis=0) <= high)), inside.mean(axis=0)
+
+
+def test_a_start_from_which_most_points_have_no_equilibrium_comes_back(fitting, fit):
+    """At mu = 25 kPa the membrane ends at 3 kPa: three quarters of the points have no answer on the way."""
+    assert float(sg.limit_pressure(sg.shell.Free(shell(25 * kPa)))) < 3 * kPa
+    end = fitting.fit_lane_jit(fitting.lane(to_free(fitting.space.to_unit([25 * kPa]))))
+    assert bool(end.converged)
+    assert float(end.x[0]) == pytest.approx(fit.x[0], rel=1e-7)
+
+
+def test_points_beyond_the_limit_are_left_out_and_said():
+    """Softer data than the model: inflations of mu = 175 kPa measured up to pressures where that has no equilibrium."""
+    mu = 175 * kPa
+    limit = float(sg.limit_pressure(sg.shell.Free(shell(mu))))
+    x = np.append(PRESSURES, [1.05 * limit, 1.1 * limit])
+    y = np.append(inflation(mu, PRESSURES), [25 * mm, 30 * mm])
+    found = calibrate(Fitting({"free": sg.shell.Free(shell(mu))}, [MU], [free_curve(y, x=x)]), starts=1)
+    assert found.x[0] == pytest.approx(mu, rel=1e-6)
+    assert [bool(used) for used in found.used] == [True] * 20 + [False] * 2
+    assert "2 of 22 points" in found.notes[0]
+    assert "limit point" in found.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("ours", "scipys", "scale"),
+    [("huber", "huber", HUBER), ("soft_l1", "soft_l1", SOFT_L1), ("cauchy", "cauchy", CAUCHY)],
+)
+def test_robust_losses_are_scipys(ours, scipys, scale):
+    """Mooney-Rivlin in tension, stress = 2 (C1 + C2 / lambda) (lambda - lambda^-2), with two outliers."""
+    strain = np.linspace(0.05, 1.5, 25)
+    stretch = 1 + strain
+
+    def stress(c1, c2):
+        return 2 * (c1 + c2 / stretch) * (stretch - stretch**-2)
+
+    y = stress(40e3, 15e3) + 1e3 * np.random.default_rng(5).normal(size=25)
+    y[[7, 20]] += 60e3
+    curve = Curve("test", "test", "stress", "pressure", strain, y, noise=1e3)
+    variables = [Variable("material.c1", 1e3, 1e6, "log"), Variable("material.c2", -1e5, 1e5)]
+    problem = Fitting({"test": Tension(sg.MooneyRivlin(c1=30e3, c2=0.0))}, variables, [curve], loss=ours)
+    found = calibrate(problem)
+    theirs = optimize.least_squares(
+        lambda c: (stress(*(c * 1e4)) - y) / 1e3,
+        [3.0, 0.0],
+        loss=scipys,
+        f_scale=scale,
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-12,
+    )
+    np.testing.assert_allclose(found.x, theirs.x * 1e4, rtol=2e-5)
+    assert found.cost == pytest.approx(theirs.cost, rel=1e-8)
+    if ours == "huber":
+        plain = calibrate(Fitting(problem.space.scenes, variables, [curve]))
+        truth = np.array([40e3, 15e3])
+        assert np.all(np.abs(found.x - truth) < np.abs(plain.x - truth))
+
+
+def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
+    """Yeoh in tension is linear in its constants: covariance s^2 (A^T A)^-1, and the profile is the same interval."""
+    strain = np.linspace(0.05, 2, 40)
+    stretch = 1 + strain
+    rise, i1 = stretch - stretch**-2, stretch**2 + 2 / stretch - 3
+    columns = 2 * rise[:, None] * np.stack([np.ones_like(i1), 2 * i1, 3 * i1**2], axis=1)
+    y = columns @ [60e3, 4e3, 100.0] + 2e3 * np.random.default_rng(8).normal(size=40)
+    curve = Curve("test", "test", "stress", "pressure", strain, y)
+    variables = [
+        Variable("material.c1", 1e3, 2e5),
+        Variable("material.c2", -5e4, 5e4),
+        Variable("material.c3", -1e4, 1e4),
+    ]
+    found = calibrate(Fitting({"test": Tension(sg.Yeoh(c1=50e3))}, variables, [curve]))
+    expected, square, _, _ = np.linalg.lstsq(columns, y)
+    sd = np.sqrt(np.diag(square[0] / 37 * np.linalg.inv(columns.T @ columns)))
+    np.testing.assert_allclose(found.x, expected, rtol=1e-6)
+    np.testing.assert_allclose(found.high - found.x, stats.t.ppf(0.975, 37) * sd, rtol=1e-5)
+    profile = intervals(found, "profile")
+    np.testing.assert_allclose(profile.low, found.low, rtol=1e-3, atol=1e-3 * np.abs(found.high - found.low).min())
+    np.testing.assert_allclose(profile.high, found.high, rtol=1e-3, atol=1e-3 * np.abs(found.high - found.low).min())
+    # Draws with replacement estimate the covariance that allows for unequal noise (White 1980), by its own closed form.
+    bread = np.linalg.inv(columns.T @ columns)
+    errors = y - columns @ expected
+    white = np.sqrt(np.diag(bread @ (columns.T * errors**2) @ columns @ bread))
+    draws = bootstrap_fits(found, 400, seed=1)
+    np.testing.assert_allclose(np.nanstd(draws, axis=0), white, rtol=0.25)
+
+
+def test_a_product_is_named_and_a_tension_test_parts_it(noisy):
+    """The free membrane knows only mu t_m: p = mu t_m / a f(angle). Tension knows mu alone."""
+    scene = sg.shell.Free(shell(150 * kPa))
+    found = calibrate(Fitting({"free": scene}, [MU, THICKNESS], [free_curve(noisy)]), starts=2)
+    (direction,) = unknown_directions(found)
+    assert direction.combination == "the product shell.material.mu * shell.t_m"
+    np.testing.assert_allclose(direction.change[0] * direction.change[1], -1, atol=1e-6)
+    assert any("tension test" in words for words in direction.remedies)
+    # Contact is by the same product: it is not named.
+    assert not any("plane" in words for words in direction.remedies)
+    strain = np.linspace(0.1, 1, 10)
+    stress = 175 * kPa * (1 + strain - (1 + strain) ** -2)
+    test = Curve("test", "test", "stress", "pressure", strain, stress * (1 + 0.01 * (-1.0) ** np.arange(10)))
+    tied = dataclasses.replace(MU, name="shell.material.mu = test.material.mu")
+    models = {"free": scene, "test": Tension(sg.NeoHookean(mu=150 * kPa))}
+    both = calibrate(Fitting(models, [tied, THICKNESS], [free_curve(noisy), test]), starts=2)
+    assert unknown_directions(both) == []
+    np.testing.assert_allclose(both.x, [175 * kPa, T], rtol=0.02)
+    without = held_out(both)
+    assert set(without) == {"free", "test"}
+    # Without the tension test mu t_m is still known, so the free curve is no worse; without the free curve t_m is lost.
+    assert np.prod(without["test"][0]) == pytest.approx(175 * kPa * T, rel=0.02)
+
+
+def test_specimens_are_fitted_alone():
+    """Three membranes of their own mu: each is found again."""
+    mus = np.array([160, 175, 190]) * kPa
+    y = np.concatenate([inflation(mu, PRESSURES) for mu in mus])
+    curve = free_curve(y, x=np.tile(PRESSURES, 3), specimen=np.repeat([0, 1, 2], 20), specimens=("a", "b", "c"))
+    found = calibrate(Fitting({"free": sg.shell.Free(shell())}, [MU], [curve]), starts=1)
+    apart = by_specimen(found)
+    np.testing.assert_allclose(apart.x[:, 0], mus, rtol=1e-6)
+    half = stats.t.ppf(0.975, 2) * np.std(np.log(mus), ddof=1) / np.sqrt(3)
+    middle = np.exp(np.mean(np.log(mus)))
+    np.testing.assert_allclose(
+        [apart.low[0], apart.high[0]], [middle * np.exp(-half), middle * np.exp(half)], rtol=1e-6
+    )
+
+
+def test_mu_tuned_in_free_space_predicts_the_force():
+    """Finite elements (FElupe 11.3, see configs/data): tuned, the force is nearer than with the elements' own mu."""
+    from conftest import ROOT
+
+    from optim import calibrate_settings
+    from softgrip_jax import config as configs
+
+    problem = calibrate_settings.read(configs.load(ROOT / "configs" / "calibrate_shell.toml")).fitting
+    found = calibrate(problem)
+    force = problem.of_curve == 1
+    tuned = found.errors[force] / problem.y[force]
+    response = problem.predict_at(np.array([175 * kPa])).response
+    own = (np.asarray(response.values) - problem.y)[force] / problem.y[force]
+    np.testing.assert_allclose(own, [-0.21, -0.13, -0.11, -0.11], atol=0.01)
+    assert np.max(np.abs(tuned)) < 0.5 * np.max(np.abs(own))
+    assert 120 * kPa < found.x[0] < 175 * kPa
+
+
+def test_wrong_units_are_asked_about(noisy):
+    def said(x, y):
+        return implausible(Fitting({"free": sg.shell.Free(shell())}, [MU], [free_curve(y, x=x)]))
+
+    assert said(PRESSURES, noisy) == []
+    (words,) = said(PRESSURES, noisy * 1000)
+    assert "1000 times above the model" in words
+    (words,) = said(PRESSURES * 1000, noisy)
+    assert "unit right?" in words

@@ -1,0 +1,196 @@
+"""The command `softgrip calibrate`: its folder, what it writes is accepted elsewhere, and one sentence for bad data."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import softgrip_jax as sg
+from optim import settings
+from optim.curve_files import Column, read_columns
+from softgrip_jax import config as configs
+from softgrip_jax.cli import run
+
+FILES = {"config.toml", "calibrated.toml", "material.toml", "points.csv", "result.json", "fit.png"}
+
+CONFIG = """
+[scene]
+type = "shell.Free"
+
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+material = {{ type = "NeoHookean", mu_kPa = 120 }}
+
+[calibrate]
+
+[[calibrate.parameters]]
+name = "shell.material.mu_kPa"
+low = {low}
+high = 2000
+scale = "log"
+
+[[calibrate.curves]]
+name = "free"
+file = "data.csv"
+pressure = {{ column = "p", unit = "{unit}" }}
+measured = {{ quantity = "inflation", column = "h", unit = "mm" }}
+"""
+
+GOOD = (ROOT / "configs" / "data" / "synthetic_free_2.csv").read_text().replace("pressure_kPa,inflation_mm", "p,h")
+
+
+def written(folder, data=GOOD, low=20, unit="kPa"):
+    (folder / "data.csv").write_text(data)
+    (folder / "fit.toml").write_text(CONFIG.format(low=low, unit=unit))
+    return folder / "fit.toml"
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calibrate")
+    data = GOOD + "16,\n15,NaN\n" + GOOD.splitlines()[-1] + "\n"
+    code = run(["calibrate", str(written(folder, data)), "--out", str(folder / "out")])
+    return code, folder / "out"
+
+
+def test_the_folder_is_complete_and_tells_what_was_left_out(finished):
+    code, out = finished
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == FILES
+    assert (out / "fit.png").stat().st_size > 5000
+    result = json.loads((out / "result.json").read_text())
+    assert result["parameters"]["shell.material.mu"] == pytest.approx(176e3, rel=0.02)
+    assert any("2 rows with a missing value" in sentence for sentence in result["remarks"])
+    assert any("1 row that stood there twice" in sentence for sentence in result["remarks"])
+    with (out / "points.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 15
+    errors = np.array([float(row["fitted"]) - float(row["measured"]) for row in rows])
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(result["curves"]["free"]["rmse"] * 1e3, rel=1e-6)
+
+
+def test_what_is_written_is_solved_and_designed(finished, tmp_path, capsys):
+    """calibrated.toml as it is; material.toml by `material = "material.toml"`, from `solve` and from `design`."""
+    _, out = finished
+    mu = json.loads((out / "result.json").read_text())["parameters"]["shell.material.mu"]
+    scene = configs.load(out / "calibrated.toml").scene
+    assert float(scene.shell.material.mu) == pytest.approx(mu, rel=1e-12)
+    text = (ROOT / "configs" / "shell_grasp.toml").read_text()
+    head, rest = text.split("[scene.shell.material]")
+    rest = rest.split("\n", 2)[2]
+    path = tmp_path / "grasp.toml"
+    (tmp_path / "material.toml").write_bytes((out / "material.toml").read_bytes())
+    path.write_text(head + 'material = "material.toml"\n' + rest)
+    read = configs.load(path)
+    assert float(read.scene.shell.material.mu) == pytest.approx(mu, rel=1e-12)
+    assert settings.read(read).problem is not None
+    assert run(["solve", str(path), "--json"]) == 0
+    pressure = json.loads(capsys.readouterr().out)["pressure"]
+    assert pressure == pytest.approx(float(sg.pressure_for(read.scene).pressure), rel=1e-9)
+    # A run keeps a config that needs no other file.
+    (tmp_path / "alone").mkdir()
+    (tmp_path / "alone" / "config.toml").write_bytes(configs.standalone(path))
+    assert float(configs.load(tmp_path / "alone" / "config.toml").scene.shell.material.mu) == pytest.approx(mu)
+
+
+def test_a_part_that_is_not_there(tmp_path, capsys):
+    path = tmp_path / "c.toml"
+    path.write_text('[scene]\ntype = "shell.Free"\nshell = "mine.toml"\n')
+    assert run(["solve", str(path)]) == 2
+    assert "mine.toml" in capsys.readouterr().err
+    (tmp_path / "mine.toml").write_text("[material]\nmu_kPa = 1\n")
+    assert run(["solve", str(path)]) == 2
+    assert "that file has no section [shell]" in capsys.readouterr().err
+
+
+HEADER = "p,h\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        ("", "the file is empty"),
+        ("# nothing\n\n", "the file is empty"),
+        (HEADER, "there is no row with a number"),
+        (HEADER + "5,7\n", "1 point for 1 parameter; more points than parameters are needed"),
+        (HEADER + "5,7\n6,8\n", "2 points, too few to estimate its noise; state it"),
+        (HEADER + "5,7\n6,eight\n7,9\n", "line 3: h is 'eight'; it must be a finite number"),
+        (HEADER + "5,7\n6,inf\n7,9\n", "line 3: h is 'inf'; it must be a finite number"),
+        ("p;h\n5;7,5\n6;8\n", "line 2: h is '7,5'; it must be a finite number; write decimals with a point"),
+        ("pressure,h\n5,7\n", "there is no header line with the columns 'p' and 'h'"),
+        (HEADER + "-5,7\n6,8\n7,9\n", "a pressure of curve 'free' is -5 kPa; gauge pressures are zero or more"),
+    ],
+)
+def test_bad_data_is_one_sentence_and_nothing_is_written(data, sentence, tmp_path, capsys):
+    assert run(["calibrate", str(written(tmp_path, data)), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {"data.csv", "fit.toml"}
+
+
+def changed(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ("low = 20", "low = -20", "low of shell.material.mu_kPa is -20; it must be a positive finite number in kPa"),
+        ('column = "p", unit = "kPa"', 'column = "p", unit = "mm"', "it must be one of kPa, Pa, MPa"),
+        ('"inflation"', '"force"', "measures 'force'; it must be one of inflation"),
+        ('"data.csv"', '"other.csv"', "no such file"),
+        ('"shell.material.mu_kPa"', '"shell.material.nu_kPa"', "did you mean mu_kPa?"),
+        ("[calibrate]", '[calibrate]\nloss = "tukey"', "loss is 'tukey'"),
+        ("[calibrate]", '[calibrate]\nintervals = ["jackknife"]', "jackknife"),
+        ('unit = "mm" }', 'unit = "mm", noise = -1 }', "noise"),
+        ('pressure = { column = "p", unit = "kPa" }\n', "", "must have either pressure"),
+    ],
+)
+def test_a_mistake_in_the_config_is_one_sentence(old, new, sentence, tmp_path, capsys):
+    path = changed(written(tmp_path), old, new)
+    assert run(["calibrate", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert sentence in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_pressure_that_falls_again_is_said(tmp_path):
+    from optim.curve_files import check_pressures
+
+    up = np.linspace(0, 10, 11)
+    assert check_pressures("free", up, tmp_path / "a.csv") == []
+    (sentence,) = check_pressures("free", np.append(up, up[::-1]), tmp_path / "a.csv")
+    assert "rises and falls again" in sentence
+
+
+def test_preambles_and_separators_do_no_harm(tmp_path):
+    path = tmp_path / "test.csv"
+    path.write_text("Machine;Instron\nSpeed;450\n;;\nTime (s);Strain;Stress (MPa)\n0.1;0.05;0.1\n0.2;0.1;0.2\n")
+    data, notes = read_columns(path, [Column("Strain", "number", "1"), Column("Stress (MPa)", "pressure", "MPa")])
+    np.testing.assert_allclose(data, [[0.05, 1e5], [0.1, 2e5]])
+    assert notes == []
+
+
+def test_a_tension_test_names_its_material(tmp_path, capsys):
+    folder = tmp_path
+    text = (ROOT / "configs" / "calibrate_tension.toml").read_text()
+    text = text.replace("data/", f"{ROOT / 'configs' / 'data'}/").replace(
+        "window_percent = 150", 'window_percent = 200\nmaterials = ["NeoHookean", "Yeoh"]'
+    )
+    (folder / "tension.toml").write_text(text)
+    assert run(["calibrate", str(folder / "tension.toml"), "--out", str(folder / "out")]) == 0
+    assert "Written is Yeoh" in capsys.readouterr().out
+    read = configs.read_toml(folder / "out" / "material.toml")
+    # The truth of the synthetic file: C1 = 60 kPa, C2 = 4 kPa; noise 3 kPa.
+    assert read["material"]["type"] == "Yeoh"
+    assert read["material"]["c1_kPa"] == pytest.approx(60, rel=0.05)
+    assert read["material"]["c2_kPa"] == pytest.approx(4, rel=0.3)
