@@ -184,10 +184,11 @@ def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0) -> Fit:
     notes = _other_minima(tried, best)
     lane = with_noise(fitting, lane)
     lane, dropped = _without_lost_points(fitting, lane)
-    if fitting.curves and lane.weight.sum() <= space.size:
+    if int(lane.weight.sum()) <= space.size:
+        why = implausible(fitting) or ["the pressures of the others are beyond the limit point of the model."]
         raise ValueError(
-            f"{int(lane.weight.sum())} points have an equilibrium within the bounds, for {space.size} parameters: "
-            f"{' '.join(dropped)}"
+            f"{int(lane.weight.sum())} of {int(fitting.weight.sum())} points have an equilibrium within the bounds, "
+            f"too few for a fit: {why[0]}"
         )
     return finished(fitting, lane, (*notes, *dropped))
 
@@ -347,8 +348,9 @@ def by_specimen(fit: Fit) -> Specimens | None:
             for c in fitting.curves
         ]
     )
-    names = [name for name in dict.fromkeys(labels) if name]
-    weights = [np.asarray(fit.lane.weight) * (labels == name) for name in names]
+    fitted = np.asarray(fit.lane.weight)
+    names = [name for name in dict.fromkeys(labels) if name and fitted[labels == name].any()]
+    weights = [fitted * (labels == name) for name in names]
     if len(names) < 2 or min(w.sum() for w in weights) <= fitting.space.size:
         return None
     start = jnp.asarray(_inside(fitting, fit.lane.start))

@@ -88,7 +88,7 @@ def parameter_table(findings: Findings) -> Table:
     fit, space = findings.fit, findings.fit.fitting.space
     table = Table(title="parameters", title_justify="left")
     for heading in ("", "start", "fit", *(WORDS[i.method] for i in findings.intervals)):
-        table.add_column(heading, justify="left" if not heading else "right")
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
     for j, (name, kind) in enumerate(zip(space.names, space.kinds, strict=True)):
         ends = [interval_text(fit, one, j) for one in findings.intervals]
         table.add_row(name, in_units(space.reference[j], kind), in_units(fit.x[j], kind), *ends)
@@ -116,7 +116,7 @@ def curve_table(findings: Findings) -> Table:
     fit = findings.fit
     table = Table(title="curves", title_justify="left")
     for heading in ("", "points", "noise", "RMS error", *(["when kept out"] if findings.held_out else [])):
-        table.add_column(heading, justify="left" if not heading else "right")
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
     for k, curve in enumerate(fit.fitting.curves):
         used = int((fit.used & (fit.fitting.of_curve == k)).sum())
         sigma = f"{_short(float(fit.lane.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()

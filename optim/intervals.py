@@ -5,7 +5,8 @@
     bootstrap       fits to points drawn with replacement within every curve, percentiles of them (Efron 1979): no
                     normal noise, and no noise that is the same everywhere, is assumed.
     profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
-                    model that is not linear, and says where an interval has no end.
+                    model that is not linear, and says where an interval has no end. A robust loss is taken as if it
+                    were the likelihood.
 
 Each parameter is log or linear as it is varied, so that an interval of a log parameter is never negative.
 """

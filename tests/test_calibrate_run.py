@@ -143,7 +143,7 @@ def changed(path, old, new):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("low = 20", "low = -20", "low of shell.material.mu_kPa is -20; it must be a positive finite number in kPa"),
+        ("low = 20", "low = -20", "low of shell.material.mu_kPa is -20.0; it must be a positive finite number in kPa"),
         ('column = "p", unit = "kPa"', 'column = "p", unit = "mm"', "it must be one of kPa, Pa, MPa"),
         ('"inflation"', '"force"', "measures 'force'; it must be one of inflation"),
         ('"data.csv"', '"other.csv"', "no such file"),
@@ -160,6 +160,15 @@ def test_a_mistake_in_the_config_is_one_sentence(old, new, sentence, tmp_path, c
     said = capsys.readouterr().err
     assert sentence in said
     assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_pressures_in_the_wrong_unit_have_no_equilibrium(tmp_path, capsys):
+    """kPa read as MPa: a thousand times beyond the limit point, whatever the material."""
+    assert run(["calibrate", str(written(tmp_path, unit="MPa")), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr().err
+    assert "0 of 15 points have an equilibrium within the bounds" in said
+    assert "is their unit right?" in said
     assert not (tmp_path / "out").exists()
 
 
