@@ -78,6 +78,10 @@ class Scene(Checked):
     def branch(self, n: int) -> Solution:
         """n points of the equilibrium curve, through its limit point."""
 
+    def along(self, pressures: Float[Array, " n"]) -> Solution:
+        """The solutions at several pressures."""
+        return jax.vmap(_solve, in_axes=(None, 0))(self, pressures)
+
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
         raise ValueError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
@@ -108,8 +112,11 @@ class Scene(Checked):
         pressure = found.pressure
         found = self.settled(found)
         scene, pressure = gate(found.status == Status.OK, (self, pressure))
-        unknowns = implicit(lambda y, args: args[0].residual(y, args[1]), found.unknowns, (scene, pressure))
-        return scene._report(unknowns, pressure, found)
+        return scene._report(scene.rooted(found.unknowns, pressure), pressure, found)
+
+    def rooted(self, unknowns: Array, pressure: Scalar) -> Array:
+        """Unknowns that solve `residual`, with their derivatives by everything in the scene and by the pressure."""
+        return implicit(lambda y, args: args[0].residual(y, args[1]), unknowns, (self, pressure))
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
@@ -152,7 +159,7 @@ def _limit_pressure(scene: Scene) -> Scalar:
 
 @jax.jit
 def _path(scene: Scene, pressures: Float[Array, " n"]) -> Solution:
-    return jax.vmap(_solve, in_axes=(None, 0))(scene, pressures)
+    return scene.along(pressures)
 
 
 @partial(jax.jit, static_argnames="n")

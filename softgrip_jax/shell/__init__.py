@@ -1,5 +1,6 @@
 """The flat shell actuator and its scenes."""
 
+from . import obstacles as obstacles
 from .cylinder import AxialOffset as AxialOffset
 from .cylinder import CylinderContact as CylinderContact
 from .flat import FlatContact as FlatContact
@@ -10,3 +11,4 @@ from .free import Plate as Plate
 from .grasp import Grasp as Grasp
 from .grasp import smallest_object as smallest_object
 from .grasp import tilt_moment as tilt_moment
+from .obstacle_contact import ObstacleContact as ObstacleContact

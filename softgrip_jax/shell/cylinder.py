@@ -9,6 +9,8 @@ import jax.numpy as jnp
 from ..checked import positive
 from ..membrane import angle_of_stretch, angle_over_sine, arc_chain, flat_contact_angle
 from .flat_shell import Scalar, ShellScene
+from .obstacle_contact import ObstacleContact
+from .obstacles import Cylinder
 
 ALMOST_ONE = 1 - 1e-9
 """sin^2 of half a right turn, short of where its arcsine has no derivative: the membrane is used up long before."""
@@ -52,6 +54,9 @@ class CylinderContact(ShellScene):
         "stretch": "number",
         "clamp_angle": "angle",
     }
+
+    def energy_scene(self):
+        return ObstacleContact(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
 
     def geometry(self):
         a, r, gap = self.shell.a, self.radius, self.gap
@@ -145,6 +150,10 @@ class AxialOffset(CylinderContact):
     height: Scalar = positive("length")
 
     OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"flat_length_far": "length", "flat_length_near": "length"}
+
+    def energy_scene(self):
+        rod = Cylinder(self.radius, self.gap, offset_y=self.shell.b - self.height)
+        return ObstacleContact(self.shell, rod, symmetry="across")
 
     def flat_lengths(self, state):
         b = self.shell.b

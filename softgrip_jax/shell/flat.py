@@ -13,6 +13,8 @@ from ..numerics.roots import bracketed_root, implicit
 from ..scene import frozen
 from .flat_shell import Scalar, ShellScene
 from .free import two_sections
+from .obstacle_contact import EnergyFlat, ObstacleContact
+from .obstacles import Plane
 
 
 class FlatContact(ShellScene):
@@ -32,6 +34,9 @@ class FlatContact(ShellScene):
         "stretch": "number",
         "clamp_angle": "angle",
     }
+
+    def energy_scene(self):
+        return EnergyFlat(self.shell, Plane(self.distance), symmetry="both")
 
     def geometry(self):
         return 2 * jnp.arctan(self.distance / self.shell.a), jnp.pi + jnp.zeros_like(self.distance)
@@ -98,6 +103,10 @@ class InclinedContact(ShellScene):
     def _wall(self, theta):
         shell = self.shell
         return inclined_wall(theta, shell.a, shell.b, shell.t_m, shell.material, self.distance, self.angle)
+
+    def energy_scene(self):
+        height = (self.distance + self.shell.a * jnp.sin(self.angle)) / jnp.cos(self.angle)
+        return ObstacleContact(self.shell, Plane(height, tilt_y=self.angle), symmetry="along")
 
     def geometry(self):
         def width(theta, scene):

@@ -9,11 +9,12 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..checked import Checked, is_concrete, part, positive
+from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
 from ..materials import Material, NeoHookean
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
+from ..scene import Scene
 
 Scalar = Float[Array, ""]
 
@@ -49,9 +50,22 @@ class ShellScene(CurveScene):
     """A state of the shell on a curve of angles; subclasses give `stretches` and `curvatures` of the membrane."""
 
     shell: FlatShell = part(FlatShell)
+    model: str = choice("arc", "energy", default="arc", kw_only=True)
+    """The thesis's arcs, or the energy membrane, which is within a few percent of finite elements and costs more."""
 
     ENDLESS: ClassVar[bool] = False
     """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""
+
+    def __check_init__(self) -> None:
+        if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:
+            raise ValueError(f"{type(self).__name__}.model is 'energy'; there is only 'arc' for this scene.")
+
+    def energy_scene(self) -> Scene:
+        """The same scene with the energy membrane."""
+        raise NotImplementedError
+
+    def prepared(self):
+        return self if self.model == "arc" else self.energy_scene()
 
     def geometry(self) -> tuple[Scalar, Scalar]:
         """The angles where the state begins and where its geometry ends."""

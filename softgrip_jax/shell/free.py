@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from ..membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
 from .flat_shell import ShellScene
+from .obstacle_contact import EnergyFree
 
 FREE_END = jnp.pi * (1 - 1e-9)
 """A free arc closes to a full circle (infinite radius and stretch) at pi: the interval ends just before."""
@@ -28,6 +29,9 @@ class Free(ShellScene):
     }
     CONTACT: ClassVar = False
     ENDLESS: ClassVar = True
+
+    def energy_scene(self):
+        return EnergyFree(self.shell)
 
     def geometry(self):
         zero = jnp.zeros_like(self.shell.a)
@@ -77,6 +81,7 @@ class Plate(Free):
     """
 
     OBSERVABLES: ClassVar = {"inflation": "length"}
+    energy_scene = ShellScene.energy_scene
 
     def load(self, angle):
         shell = self.shell

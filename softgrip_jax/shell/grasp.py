@@ -12,7 +12,7 @@ from ..checked import choice, is_concrete, nonnegative
 from ..objects import friction, friction_coefficient, friction_force, required_normal_force
 from ..units import GRAVITY
 from .cylinder import CylinderContact
-from .flat_shell import FlatShell, Scalar
+from .flat_shell import FlatShell, Scalar, ShellScene
 
 QUADRATURE_POINTS = 32
 """Gauss points on a quarter of the contact ellipse: exact to 1e-12 for axis ratios from 0.1 to 10."""
@@ -63,6 +63,8 @@ class Grasp(CylinderContact):
         "tilt_resistance": "moment",
         "security": "number",
     }
+
+    energy_scene = ShellScene.energy_scene
 
     def __check_init__(self) -> None:
         if not isinstance(self.fingers, int) or self.fingers < 1:
