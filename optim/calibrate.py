@@ -132,8 +132,8 @@ class Fit:
         return (self.rmse(k) / float(self.lane.sigma[k])) ** 2
 
     def modules(self) -> dict[str, Any]:
-        """The models with the fitted parameters."""
-        return self.fitting.space.scenes_at(jnp.asarray(self.x))
+        """The models, as they were given, with the fitted parameters."""
+        return self.fitting.given.scenes_at(jnp.asarray(self.x))
 
     def band(self, k: int, n: int = 60) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(x, fit, half width of its 95 % interval) of a curve at n points or more, in SI; NaN beyond the limit.

@@ -164,6 +164,8 @@ class Fitting:
             raise ValueError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
         ready = {name: model.prepared() if isinstance(model, Scene) else model for name, model in models.items()}
         self.space, self.curves, self.loss = Space(ready, variables), tuple(curves), loss
+        self.given = Space(models, variables)
+        """The same leaves of the models as they were given."""
         self.xs: dict[str, np.ndarray] = {}
         self._places: list[np.ndarray] = []
         used = {name: [c for c in curves if c.model == name] for name in models}
