@@ -26,7 +26,12 @@ ITERATIONS = 60
 """SLSQP and least squares are done in ten to thirty from where the descent ends."""
 
 LOST = 1e6
-"""The objective of a design without equilibrium: a step that led there is taken back."""
+"""What a design without equilibrium deviates by: a step of least squares that led there is taken back."""
+
+BOX, SHRINK, BOXES = 0.25, 0.3, 16
+"""SLSQP has no trust region: its first step may cross the whole range, to where nothing has an equilibrium, and it then
+creeps. It is held within this part of every range around where it begins, within less of it after such a step, and
+begins anew where it comes to the wall, so many times at most."""
 
 Look = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, float]]
 """t -> (values of the quantities, their slopes by t, shortfall)."""
@@ -123,6 +128,28 @@ def remembered(function: Callable[[np.ndarray], Any]) -> Callable[[np.ndarray], 
     return call
 
 
+class Lost(Exception):
+    """A step led to a design without equilibrium."""
+
+
+def boxed(run: Callable[[np.ndarray, list[tuple[float, float]]], np.ndarray], t: np.ndarray) -> np.ndarray:
+    """The result of run(t, bounds) from one box to the next."""
+    size = BOX
+    for _ in range(BOXES):
+        low, high = np.maximum(t - size, 0.0), np.minimum(t + size, 1.0)
+        try:
+            found = np.clip(run(t, list(zip(low, high, strict=True))), low, high)
+        except Lost:
+            # Back to where the box began: what was accepted on the way may break constraints.
+            size *= SHRINK
+            continue
+        at_wall = ((found < low + ROUNDING) & (low > 0)) | ((found > high - ROUNDING) & (high < 1))
+        t = found
+        if not np.any(at_wall):
+            break
+    return t
+
+
 def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.ndarray:
     """By SLSQP: objective under constraints."""
 
@@ -132,19 +159,23 @@ def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.
         worth, slopes = judge(values)
         violations, pushes = np.asarray(worth.violations), np.asarray(slopes.violations)
         if shortfall > 0:
-            return LOST * (1 + shortfall), 0 * t, violations + 1, 0 * pushes @ by_t
+            raise Lost
         return float(worth.objective), np.asarray(slopes.objective) @ by_t, violations, pushes @ by_t
 
     constraint = {"type": "ineq", "fun": lambda t: -judged(t)[2], "jac": lambda t: -judged(t)[3]}
-    return minimize(
-        lambda t: judged(t)[0],
-        t,
-        jac=lambda t: judged(t)[1],
-        bounds=[(0.0, 1.0)] * len(t),
-        constraints=[constraint] if constrained else [],
-        method="SLSQP",
-        options={"maxiter": ITERATIONS, "ftol": 1e-12},
-    ).x
+
+    def run(t, bounds):
+        return minimize(
+            lambda t: judged(t)[0],
+            t,
+            jac=lambda t: judged(t)[1],
+            bounds=bounds,
+            constraints=[constraint] if constrained else [],
+            method="SLSQP",
+            options={"maxiter": ITERATIONS, "ftol": 1e-12},
+        ).x
+
+    return boxed(run, t)
 
 
 def _least_squares(t: np.ndarray, look: Look, problem: Problem, scales: Scales) -> np.ndarray:

@@ -7,8 +7,8 @@
    and Serafini 1984; Das and Dennis 1998):  least s  with  f_i(x) <= p_i + s  for every goal i, and the constraints.
    All of these are solved at once by SLSQP with exact slopes, from the best design that is known for each. What one
    found may be a better start for another: those are solved again.
-4. Of two goals this is done for a few points first; more are then placed so that the designs are evenly spaced along
-   the front, and begin from designs in between.
+4. Of two goals this is done for a few points first; what lies beyond the ends is looked at again, and more points
+   are then placed so that the designs are evenly spaced along the front, and begin from designs in between.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from .finish import Look, in_step, on_bounds, remembered
+from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
 from .objectives import Problem, Scales
 from .search import FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
 
@@ -34,6 +34,9 @@ ANCHOR_STARTS = 2
 
 OTHERS = 1e-3
 """Part of the other goals in the search for an end: of several best designs, the one that is better in the rest."""
+
+RESTARTS = 4
+"""Of the search for an end: where the slope of a goal jumps SLSQP may stop early, and begins afresh from there."""
 
 ROUNDS = 2
 """Of solving again what another design gives a better start."""
@@ -52,9 +55,6 @@ FAR = 10.0
 
 DISTINCT = 1e-3
 """Two designs whose goals all differ by less of their ranges are one point of the front."""
-
-REACH = 1e3
-"""What a goal is worth without equilibrium, in ranges: a step that led there is taken back."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,6 +101,9 @@ def pareto(
     report("front", known.evaluate.solves)
     if goals == 2:
         scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
+        known.add(_beyond(known.t[scouts]))
+        known.find_ends()
+        scouts = known.undominated(np.concatenate([known.ends, scouts]))
         report("spacing", known.evaluate.solves)
         flat, between = _evenly(known.scaled()[scouts], known.t[scouts], points)
         known.add(between)
@@ -140,6 +143,7 @@ class _Known:
         if not np.any(np.isfinite(self.broken)):
             raise ValueError("No design with an equilibrium was found; there is no front to begin with.")
         self.best, self.worst = np.zeros(len(problem.goals)), np.ones(len(problem.goals))
+        self.ends = np.zeros(0, dtype=int)
 
     def add(self, t: np.ndarray) -> None:
         """Solve designs and keep them; `broken`: the largest violation, inf without equilibrium."""
@@ -164,23 +168,30 @@ class _Known:
         self.best, self.worst = np.zeros(len(spread)), spread
         goals = len(spread)
         weights = np.eye(goals) + OTHERS * (1 - np.eye(goals))
-        starts = []
-        for weight in weights:
-            merit = np.where(solved, self.scaled() @ weight + 10 * np.minimum(self.broken, 1e6), np.inf)
-            starts += [(weight, self.t[k]) for k in np.argsort(merit, kind="stable")[:ANCHOR_STARTS] if solved[k]]
-        found = in_step(self.evaluate, len(starts), lambda k, look: self._sum(look, starts[k][1], starts[k][0]))
-        self.add(on_bounds(np.stack(found)))
+        reached = np.full(goals, np.inf)
+        for _ in range(RESTARTS):
+            merits = self.scaled() @ weights.T + 10 * np.minimum(self.broken, 1e6)[:, None]
+            merits = np.where(np.isfinite(self.broken)[:, None], merits, np.inf)
+            better = np.flatnonzero(np.min(merits, axis=0) < reached - BETTER)
+            if not len(better):
+                break
+            reached = np.min(merits, axis=0)
+            starts = [(i, self.t[k]) for i in better for k in np.argsort(merits[:, i], kind="stable")[:ANCHOR_STARTS]]
+            found = in_step(
+                self.evaluate, len(starts), lambda k, look, s=starts: self._sum(look, s[k][1], weights[s[k][0]])
+            )
+            self.add(on_bounds(np.stack(found)))
         feasible = self.broken <= FEASIBLE
         if not np.any(feasible):
             raise ValueError("No design that keeps every constraint was found; there is no front.")
         if goals == 2:
-            merits = np.where(feasible[:, None], self.scaled() @ weights.T, np.inf)
-            ends = self.terms[np.argmin(merits, axis=0)]
+            self.ends = np.argmin(np.where(feasible[:, None], self.scaled() @ weights.T, np.inf), axis=0)
         else:
             # The best of one goal leaves the others open. A corner is where all others are as good as they can be.
             self.best = np.min(self.terms[feasible], axis=0)
             self.worst = self.best + spread
-            ends = self.terms[self.approach(FAR * np.eye(goals))]
+            self.ends = self.approach(FAR * np.eye(goals))
+        ends = self.terms[self.ends]
         self.best, self.worst = np.min(ends, axis=0), np.max(ends, axis=0)
 
     def approach(self, flat: np.ndarray) -> np.ndarray:
@@ -236,8 +247,7 @@ class _Known:
             judged, slopes = self.judge(values)
             violations, pushes = np.asarray(judged.violations), np.asarray(slopes.violations)
             if shortfall > 0:
-                lost = np.full(len(ranges), REACH * (1 + shortfall))
-                return lost, np.zeros((len(ranges), len(t))), violations + REACH, 0 * pushes @ by_t
+                raise Lost
             terms, by_value = (np.asarray(v) for v in self.terms_of(values))
             return (terms - self.best) / ranges, by_value @ by_t / ranges[:, None], violations, pushes @ by_t
 
@@ -247,15 +257,19 @@ class _Known:
         """The least weighted sum of the goals."""
         seen = self._seen(look)
         constraint = {"type": "ineq", "fun": lambda t: -seen(t)[2], "jac": lambda t: -seen(t)[3]}
-        return minimize(
-            lambda t: float(weight @ seen(t)[0]),
-            t,
-            jac=lambda t: weight @ seen(t)[1],
-            bounds=[(0.0, 1.0)] * len(t),
-            constraints=[constraint] if self.problem.sides else [],
-            method="SLSQP",
-            options={"maxiter": ENDS, "ftol": 1e-9},
-        ).x
+
+        def run(t, bounds):
+            return minimize(
+                lambda t: float(weight @ seen(t)[0]),
+                t,
+                jac=lambda t: weight @ seen(t)[1],
+                bounds=bounds,
+                constraints=[constraint] if self.problem.sides else [],
+                method="SLSQP",
+                options={"maxiter": ENDS, "ftol": 1e-9},
+            ).x
+
+        return boxed(run, t)
 
     def _diagonal(self, look: Look, t: np.ndarray, point: np.ndarray) -> np.ndarray:
         """The least s with every goal at most p_i + s."""
@@ -271,17 +285,20 @@ class _Known:
                 [[-by_terms, np.ones((len(point), 1))], [-by_violations, np.zeros((len(by_violations), 1))]]
             )
 
-        began = float(np.max(seen(t)[0] - point))
         last = np.append(np.zeros(len(t)), 1.0)
-        return minimize(
-            lambda ts: ts[-1],
-            np.append(t, began),
-            jac=lambda ts: last,
-            bounds=[(0.0, 1.0)] * len(t) + [(-10.0, None)],
-            constraints=[{"type": "ineq", "fun": room, "jac": slopes}],
-            method="SLSQP",
-            options={"maxiter": ENOUGH, "ftol": 1e-7},
-        ).x[:-1]
+
+        def run(t, bounds):
+            return minimize(
+                lambda ts: ts[-1],
+                np.append(t, np.max(seen(t)[0] - point)),
+                jac=lambda ts: last,
+                bounds=[*bounds, (None, None)],
+                constraints=[{"type": "ineq", "fun": room, "jac": slopes}],
+                method="SLSQP",
+                options={"maxiter": ENOUGH, "ftol": 1e-7},
+            ).x[:-1]
+
+        return boxed(run, t)
 
 
 def _simplex(goals: int, points: int) -> np.ndarray:
@@ -290,6 +307,14 @@ def _simplex(goals: int, points: int) -> np.ndarray:
     if goals == 3:
         parts = int(np.ceil((np.sqrt(8 * points + 1) - 3) / 2))
     return np.array([p for p in product(range(parts + 1), repeat=goals) if sum(p) == parts]) / parts
+
+
+def _beyond(t: np.ndarray) -> np.ndarray:
+    """Designs beyond both ends of a front, along the line to the last ones: an end at a kink may have been missed."""
+    if len(t) < 2:
+        return t
+    steps = np.array([0.1, 0.25, 0.5, 1.0])[:, None]
+    return np.clip(np.concatenate([t[0] + steps * (t[0] - t[1]), t[-1] + steps * (t[-1] - t[-2])]), 0.0, 1.0)
 
 
 def _evenly(front: np.ndarray, t: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:

@@ -10,8 +10,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import platform
-import time
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +26,12 @@ from softgrip_jax.folders import new_folder as new_folder
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
-from softgrip_jax.units import DISPLAY
 
 from . import settings
+from .front_run import run_front
 from .objectives import Problem
-from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
+from .records import design_row, in_si, versions, write_csv
+from .search import ACTIVE, FEASIBLE, SearchResult, search
 
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""
@@ -46,6 +45,8 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)
+    if wanted.is_front:
+        return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
         result = _search_with_progress(wanted, console)
         _write(folder, given, read, wanted, result)
@@ -63,6 +64,7 @@ class Run:
     config: configs.Config
     """As it was given, with the scenes that the search started from."""
     best_scenes: dict[str, Scene]
+    """Empty, as is the history, for a front, which has designs alone."""
     result: dict[str, Any]
     designs: list[dict[str, str]]
     history: dict[str, np.ndarray]
@@ -70,8 +72,9 @@ class Run:
     @property
     def best(self) -> Scene:
         """The scene of the best design, where there is one scene."""
-        if len(self.best_scenes) > 1:
-            raise ValueError(f"This run has several scenes; best_scenes holds {', '.join(self.best_scenes)}.")
+        if len(self.best_scenes) != 1:
+            names = ", ".join(self.best_scenes) or "none: it is a front"
+            raise ValueError(f"This run has no single best scene; best_scenes holds {names}.")
         return next(iter(self.best_scenes.values()))
 
 
@@ -82,16 +85,14 @@ def load_run(folder: str | Path) -> Run:
         raise ConfigError(f"{folder} is not a run: there is no result.json in it.")
     with (folder / "designs.csv").open(newline="", encoding="utf-8") as file:
         designs = list(csv.DictReader(file))
+    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    config = configs.load(folder / "config.toml")
+    if not (folder / "best.toml").is_file():  # a front has no best design
+        return Run(folder, config, {}, result, designs, {})
     with (folder / "history.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return Run(
-        folder,
-        configs.load(folder / "config.toml"),
-        configs.load(folder / "best.toml").scenes,
-        json.loads((folder / "result.json").read_text(encoding="utf-8")),
-        designs,
-        {name: np.array([float(row[name]) for row in rows]) for name in rows[0]},
-    )
+    history = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    return Run(folder, config, configs.load(folder / "best.toml").scenes, result, designs, history)
 
 
 # --- the folder -------------------------------------------------------------------------------------------------------
@@ -107,9 +108,9 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     first = problem.goals[0].quantity
     text = configs.dump(scenes, comment, **settings.question(first.at, scenes[first.scene]))
     (folder / "best.toml").write_text(text, encoding="utf-8")
-    _write_csv(folder / "designs.csv", _design_rows(problem, result))
+    write_csv(folder / "designs.csv", _design_rows(problem, result))
     steps = len(result.history["moving"])
-    _write_csv(
+    write_csv(
         folder / "history.csv",
         [{"step": k + 1} | {name: float(v[k]) for name, v in result.history.items()} for k in range(steps)],
     )
@@ -139,58 +140,22 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
             plots.compare(solved).savefig(folder / f"before_after{suffix}.png")
 
 
-def _write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, rows[0])
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def _design_rows(problem: Problem, result: SearchResult) -> list[dict[str, Any]]:
-    """The start and every distinct design, units in the names of the columns."""
-    rows = []
-    for name, design in [("start", result.reference), *((k + 1, d) for k, d in enumerate(result.designs))]:
-        row: dict[str, Any] = {"design": name, "feasible": design.feasible, "objective": design.objective}
-        row["status"] = " ".join(dict.fromkeys(s.name for s in design.statuses))
-        row["violation"] = design.violation
-        for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
-            row[configs.unit_key(key, kind)] = x / DISPLAY[kind][1]
-        for quantity, kind, value in zip(problem.quantities, problem.kinds, design.values, strict=True):
-            row[configs.unit_key(problem.label(quantity).replace(" ", "_"), kind)] = value / DISPLAY[kind][1]
-        rows.append(row | {"active": "; ".join(design.active)})
-    return rows
+    """The start and every distinct design."""
+    named = [("start", result.reference), *((k + 1, d) for k, d in enumerate(result.designs))]
+    return [{"design": name} | design_row(problem, design) for name, design in named]
 
 
 def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) -> dict[str, Any]:
-    def in_si(design: Design) -> dict[str, Any]:
-        values = {problem.label(q): float(v) for q, v in zip(problem.quantities, design.values, strict=True)}
-        return {
-            "feasible": design.feasible,
-            "objective": design.objective,
-            "violation": design.violation,
-            "variables": dict(zip(problem.space.names, map(float, design.x), strict=True)),
-            "quantities": {name: v if np.isfinite(v) else None for name, v in values.items()},
-            "status": [s.name for s in design.statuses],
-            "active": list(design.active),
-        }
-
     return {
         "units": "SI",
-        "best": in_si(result.best),
-        "start": in_si(result.reference),
+        "best": in_si(problem, result.best),
+        "start": in_si(problem, result.reference),
         "distinct_designs": len(result.designs),
         "search": wanted.arguments,
         "solves": result.solves,
         "seconds": result.seconds,
-        "finished": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "versions": {
-            "softgrip_jax": sg.__version__,
-            "jax": jax.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-        "device": jax.devices()[0].device_kind,
-    }
+    } | versions()
 
 
 # --- what people see --------------------------------------------------------------------------------------------------

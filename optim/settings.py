@@ -8,6 +8,9 @@
 Names and states are those of `softgrip_jax.sections`; the numbers beside a name are in its unit. A goal is `minimise`,
 `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) evenly spaced from clamp to tip that the finger's
 shape shall go through, of the scene named by `scene` where there are several.
+
+With `front = 21` two or three goals are not added up but traded off: the result is about so many designs of which none
+is better in every goal than another.
 """
 
 from __future__ import annotations
@@ -67,14 +70,16 @@ class DesignTable(Table):
     optimiser: Literal[OPTIMISERS] = "adam"  # type: ignore[valid-type]
     learning_rate: float = pydantic.Field(default=0.1, gt=0)
     seed: int = pydantic.Field(default=0, ge=0)
+    front: int | None = pydantic.Field(default=None, ge=3, le=10_000)
 
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """[design] as read: the problem, and the arguments of `search`."""
+    """[design] as read: the problem, and the arguments of `search`, or of `pareto` where a front is wanted."""
 
     problem: Problem
     arguments: dict[str, Any]
+    is_front: bool
 
 
 def read(config: configs.Config) -> Settings:
@@ -94,8 +99,12 @@ def read(config: configs.Config) -> Settings:
         raise
     except ValueError as error:
         raise ConfigError(f"{where}: {error}") from None
-    names = ("starts", "steps", "optimiser", "learning_rate", "seed")
-    return Settings(problem, {name: getattr(table, name) for name in names})
+    if table.front is None:
+        names = ("starts", "steps", "optimiser", "learning_rate", "seed")
+        return Settings(problem, {name: getattr(table, name) for name in names}, False)
+    if len(problem.goals) not in (2, 3):
+        raise ConfigError(f"{where}: a front is between two or three goals; there are {len(problem.goals)}.")
+    return Settings(problem, {"points": table.front, "starts": table.starts, "seed": table.seed}, True)
 
 
 def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:

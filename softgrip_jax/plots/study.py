@@ -176,6 +176,28 @@ def elasticities(data: xr.Dataset) -> Figure:
     return figure
 
 
+def front(values: np.ndarray, labels: Sequence[str], kinds: Sequence[str], senses: Sequence[str]) -> Figure:
+    """A trade-off between two or three goals; values (design, goal) in SI. A third goal is the colour."""
+    units = [DISPLAY[kind] for kind in kinds]
+    columns = [values[:, k] / unit for k, (_, unit) in enumerate(units)]
+    better = {"minimise": "less", "maximise": "more", "reach": "nearer"}
+    words = [
+        f"{_words(label, unit)}\n{better[sense]} is better"
+        for label, (unit, _), sense in zip(labels, units, senses, strict=True)
+    ]
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(0.6 * WIDTH, 3.0))
+        ax = figure.subplots()
+        if len(columns) == 2:
+            ax.plot(*columns, "o-", color=BLUE, markersize=4, linewidth=1.0)
+        else:
+            dots = ax.scatter(columns[0], columns[1], c=columns[2], cmap="viridis", s=24)
+            figure.colorbar(dots, ax=ax).set_label(words[2])
+        ax.set_xlabel(words[0])
+        ax.set_ylabel(words[1])
+    return figure
+
+
 def status_words(status: Status) -> str:
     """A status as the legend names it."""
     return status.name.lower().replace("_", " ")

@@ -1,0 +1,94 @@
+"""`softgrip design` with a front: the trade-off, a table, a picture, and a folder that keeps everything.
+
+The folder: config.toml as given, designs.csv (the front, in the order of the first goal), designs/01.toml and so on
+(each design as `softgrip solve` accepts it), result.json, front.png. It appears complete or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import new_folder
+from softgrip_jax.units import DISPLAY
+
+from . import settings
+from .pareto import Front, pareto
+from .records import design_row, in_si, versions, write_csv
+
+SHOWN = 9
+"""Designs in the printed table, spread over the front; designs.csv has them all."""
+
+
+def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: str, console: Console) -> Path:
+    """Find the front, print it, and return the folder that holds it."""
+    with new_folder(out, name) as (folder, final):
+        console.print("compiling")
+        try:
+            front = pareto(
+                wanted.problem,
+                report=lambda stage, solves: console.print(f"{stage}: {solves} designs solved"),
+                **wanted.arguments,
+            )
+        except ValueError as error:
+            raise ConfigError(f"{name}: {error}") from None
+        _write(folder, given, wanted, front)
+    report(front, console)
+    console.print(f"The run is in {final}. Next: softgrip solve {final / 'designs' / '01.toml'}", soft_wrap=True)
+    return final
+
+
+def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) -> None:
+    from softgrip_jax import plots
+
+    problem = front.problem
+    (folder / "config.toml").write_bytes(given)
+    write_csv(folder / "designs.csv", [{"design": k + 1} | design_row(problem, d) for k, d in enumerate(front.designs)])
+    (folder / "designs").mkdir()
+    first = problem.goals[0].quantity
+    for k, design in enumerate(front.designs):
+        scenes = problem.space.scenes_at(jnp.asarray(design.x))
+        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(first.at, scenes[first.scene]))
+        (folder / "designs" / f"{k + 1:02d}.toml").write_text(text, encoding="utf-8")
+    places = [problem.asked.index(goal.quantity) for goal in problem.goals]
+    plots.front(
+        np.stack([d.values for d in front.designs])[:, places],
+        [problem.label(goal.quantity) for goal in problem.goals],
+        [problem.kinds[k] for k in places],
+        [goal.kind for goal in problem.goals],
+    ).savefig(folder / "front.png")
+    summary = {
+        "units": "SI",
+        "front": [in_si(problem, design) for design in front.designs],
+        "search": wanted.arguments,
+        "solves": front.solves,
+        "seconds": front.seconds,
+    } | versions()
+    (folder / "result.json").write_text(json.dumps(summary, indent=2), encoding="utf-8")
+
+
+def report(front: Front, console: Console) -> None:
+    """Some designs of the front, from one end to the other."""
+    problem = front.problem
+    rows = np.unique(np.linspace(0, len(front.designs) - 1, SHOWN).round().astype(int))
+    table = Table(title=f"a front of {len(front.designs)} designs", title_justify="left")
+    table.add_column("design", justify="right")
+    for quantity, kind in zip(problem.quantities, problem.kinds, strict=True):
+        table.add_column(f"{problem.label(quantity)} {DISPLAY[kind][0]}".replace("_", " "), justify="right")
+    for name, kind in zip(problem.space.names, problem.space.kinds, strict=True):
+        table.add_column(f"{name.replace('.', ' ')} {DISPLAY[kind][0]}", justify="right")
+    for k in rows:
+        design = front.designs[k]
+        values = [f"{v / DISPLAY[kind][1]:.5g}" for v, kind in zip(design.values, problem.kinds, strict=True)]
+        numbers = [f"{x / DISPLAY[kind][1]:.5g}" for x, kind in zip(design.x, problem.space.kinds, strict=True)]
+        table.add_row(str(k + 1), *values, *numbers)
+    console.print(table)
+    times = ", ".join(f"{name} {value:.0f} s" for name, value in front.seconds.items())
+    console.print(f"{front.solves} designs solved with derivatives ({times})", soft_wrap=True)
