@@ -13,7 +13,8 @@ from scipy import stats
 from softgrip_jax.results import in_units
 from softgrip_jax.units import DISPLAY
 
-from .calibrate import Fit, Specimens, by_specimen, held_out, implausible
+from .calibrate import Fit, implausible
+from .cross_checks import Specimens, by_specimen, held_out
 from .curve_files import Curve
 from .identify import Direction, unknown_directions
 from .intervals import Intervals, intervals

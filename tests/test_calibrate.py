@@ -10,7 +10,8 @@ import reference
 from scipy import optimize, stats
 
 import softgrip_jax as sg
-from optim.calibrate import by_specimen, calibrate, held_out, implausible
+from optim.calibrate import calibrate, implausible
+from optim.cross_checks import by_specimen, held_out
 from optim.curve_files import Curve
 from optim.fitting import CAUCHY, HUBER, SOFT_L1, Fitting
 from optim.identify import unknown_directions

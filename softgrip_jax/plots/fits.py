@@ -14,11 +14,12 @@ from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 MARKS = "osD^vP*X<>"
 """Of specimens, in their order."""
 
-LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1)))
+LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (8, 3)))
+SKY = "#56B4E9"
 """Of several fitted lines."""
 
 
-HEADROOM = 0.5
+HEADROOM, FOOTROOM = 0.5, 0.1
 """Of the range of the data: as far as a line is shown above and below them."""
 
 
@@ -66,7 +67,7 @@ def measured_and_fitted(panels: Sequence[Panel]) -> Figure:
 
 
 def _draw(ax, panel: Panel) -> None:
-    colours = (BLUE, ORANGE, GREEN, VERMILION, BODY)
+    colours = (BLUE, ORANGE, GREEN, VERMILION, BODY, SKY)
     for k, line in enumerate(panel.lines):
         colour, style = colours[k % len(colours)], LINES[k % len(LINES)]
         if np.isfinite(line.half).any():
@@ -90,6 +91,6 @@ def _draw(ax, panel: Panel) -> None:
     ax.set_xlim(left=0)
     # A line may leave the data behind (a material that locks): the data set the scale.
     measured = np.concatenate([points.y for points in panel.points])
-    room = HEADROOM * np.ptp(measured)
-    ax.set_ylim(max(ax.get_ylim()[0], measured.min() - room), min(ax.get_ylim()[1], measured.max() + room))
+    low, high = measured.min() - FOOTROOM * np.ptp(measured), measured.max() + HEADROOM * np.ptp(measured)
+    ax.set_ylim(max(ax.get_ylim()[0], low), min(ax.get_ylim()[1], high))
     ax.legend(loc="best")
