@@ -9,7 +9,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
-	@echo "make run     set-up, then the design search of configs/shell_grasp.toml"
+	@echo "make run     set-up, then the design search of configs/finger_tip_force.toml"
 	@echo "make test    set-up, then the tests"
 	@echo "make lint    set-up, then ruff and pyright"
 
@@ -23,7 +23,7 @@ $(STAMP): requirements.lock pyproject.toml
 	@touch $@
 
 run: setup
-	$(BIN)/softgrip design configs/shell_grasp.toml
+	$(BIN)/softgrip design configs/finger_tip_force.toml
 
 test: setup
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile

@@ -36,6 +36,9 @@ from .search import ACTIVE, FEASIBLE, SearchResult, search
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""
 
+AMPLE = 100.0
+"""Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
+
 SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
 
@@ -223,4 +226,6 @@ def _room(violation: float) -> str:
     """What is left to a bound, relative to it."""
     if violation > FEASIBLE:
         return f"broken by {violation:.2%}"
+    if violation < -AMPLE:
+        return "ample room"
     return "on it" if violation > -ACTIVE else f"room {-violation:.1%}"

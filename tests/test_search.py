@@ -1,16 +1,22 @@
 """The search: known optima of published problems, and the shell gripper against SciPy's differential evolution."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import ROOT
 from helpers import shell
 from scipy.optimize import differential_evolution
 
 import softgrip_jax as sg
+from optim import settings
 from optim.objectives import Goal, Limits, Measured, Problem, Quantity
 from optim.search import FEASIBLE, search
 from optim.variables import Space, Variable
+from softgrip_jax import config as configs
+from softgrip_jax.quantities import Asked
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 
@@ -187,3 +193,46 @@ def test_the_shell_optimum_is_not_beaten_by_differential_evolution(found):
     assert best.values[0] / kPa <= rival.fun * (1 + 1e-6)
     # The rival comes near: neither of the two is lost in another valley.
     assert rival.fun == pytest.approx(best.values[0] / kPa, rel=2e-2)
+
+
+# --- the configs of the project, and curves to follow -----------------------------------------------------------------
+
+
+SEARCHES = sorted(path.name for path in (ROOT / "configs").glob("*.toml") if "[design]" in path.read_text())
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_every_search_of_the_project_is_read(name):
+    wanted = settings.read(configs.load(ROOT / "configs" / name))
+    assert wanted.problem.space.size > 1
+    start = wanted.problem.space.to_unit(wanted.problem.space.reference)
+    assert np.all((start >= 0) & (start <= 1)), "the start is within the bounds"
+
+
+def test_a_curve_that_a_finger_can_have_is_found_again():
+    """The shape of a known finger of four segments is followed by least squares from another; its walls come back."""
+    walls = np.array([1.3, 1.1, 0.9, 1.2]) * mm
+    plain = sg.PneuNet.table_5_1("A")
+    finger = dataclasses.replace(plain, t_m=jnp.full(4, 1.1 * mm))
+    known = dataclasses.replace(plain, t_m=jnp.asarray(walls))
+    free = {"weight": None, "inclination": "none"}
+    shape = sg.solve(sg.pneunet.Free(known, **free), 25 * kPa).shape(101)
+    scene = sg.pneunet.Free(finger, **free)
+    goals = [
+        Goal("reach", Quantity(f"shape.{axis}", 25 * kPa, along=k / 100), float(shape[axis][k]), scale=0.1)
+        for k in (25, 50, 75, 100)
+        for axis in "xy"
+    ]
+    problem = Problem(Space({"scene": scene}, [Variable("finger.t_m", 0.8 * mm, 1.6 * mm)]), goals)
+    found = search(problem, starts=4, steps=3)
+    np.testing.assert_allclose(found.best.x, walls, rtol=1e-5)
+    assert found.best.objective < 1e-12
+
+
+def test_components_of_a_point_are_quantities():
+    scene = sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=None, inclination="none")
+    quantities = [Quantity("tip.x", 31 * kPa), Quantity("tip.y", 31 * kPa), Quantity("shape.y", 31 * kPa, along=1.0)]
+    asked = Asked({"scene": scene}, quantities)
+    x, y, end = jax.jit(lambda scene: asked.measure({"scene": scene}).values)(scene)
+    tip = sg.solve(scene, 31 * kPa).tip
+    np.testing.assert_allclose([x, y, end], [tip[0], tip[1], tip[1]], rtol=1e-9)

@@ -1,0 +1,221 @@
+"""The design searches of configs/ against differential evolution (SciPy), CMA-ES (cma) and NSGA-II (pymoo).
+
+    python benchmarks/search_peers.py [config.toml ...] [--budget SOLVES] [--seconds S] [--out FILE.json]
+
+One run, one machine, the same physics for all: a peer asks for whole populations at once, solved in the same chunks by
+a compiled program without the derivatives that it has no use for. Constraints and designs without equilibrium cost it a
+penalty of their size. A peer stops when it has a feasible design within TOLERANCE of ours, when its budget or time is
+spent, or when it gives up. "solves" are designs evaluated (ours each with all derivatives); seconds are without
+compilation, which is given beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import cma
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pymoo.algorithms.moo.nsga2 import NSGA2
+from pymoo.core.problem import Problem as Rivals
+from pymoo.indicators.hv import HV
+from pymoo.optimize import minimize
+from scipy.optimize import differential_evolution
+
+from optim import settings
+from optim.objectives import Problem
+from optim.pareto import pareto
+from optim.search import CPU_CHUNK, FEASIBLE, search
+from softgrip_jax import config as configs
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+SEARCHES = {
+    "a": "finger_tip_force.toml",
+    "b": "finger_lift.toml",
+    "c": "shell_grasp.toml",
+    "d": "finger_shape.toml",
+    "e": "shell_trade_off.toml",
+}
+TOLERANCE = 1e-3
+"""Of the objective, whose size is of order one: a peer need not find the last digits."""
+PENALTY, LOST = 10.0, 1e3
+
+
+class Enough(Exception):
+    """A peer has what it was asked for, or has used up its budget."""
+
+
+class Peer:
+    """What a peer minimises, and how it is doing."""
+
+    def __init__(self, problem: Problem, goal: float, budget: int, seconds: float):
+        self.problem, self.goal, self.budget, self.seconds = problem, goal, budget, seconds
+        scales = self.scales = problem.scales(_at_start(problem))
+        self.compiled = jax.jit(jax.vmap(lambda t: self._measure(t, scales)))
+        began = time.perf_counter()
+        self.compiled(jnp.zeros((CPU_CHUNK, problem.space.size)) + 0.5)
+        self.compile = time.perf_counter() - began
+        self.restart()
+
+    def _measure(self, t, scales):
+        found = self.problem.measure(t)
+        judged = self.problem.judge(found.values, scales)
+        return judged.objective, jnp.max(judged.violations, initial=0.0), found.shortfall, found.values
+
+    def restart(self) -> None:
+        self.solves, self.best, self.began = 0, np.inf, time.perf_counter()
+
+    def measured(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
+        t = np.clip(np.atleast_2d(t), 0.0, 1.0)
+        self.solves += len(t)
+        parts = []
+        for start in range(0, len(t), CPU_CHUNK):
+            rows = t[start : start + CPU_CHUNK]
+            filled = np.concatenate([rows, np.repeat(rows[-1:], CPU_CHUNK - len(rows), axis=0)])
+            parts.append([np.asarray(v)[: len(rows)] for v in self.compiled(jnp.asarray(filled))])
+        return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
+
+    def cost(self, t: np.ndarray) -> np.ndarray:
+        objective, violation, shortfall, _ = self.measured(t)
+        lost = shortfall > 0
+        feasible = ~lost & (violation <= FEASIBLE)
+        self.best = min(self.best, np.min(objective[feasible], initial=np.inf))
+        if self.best <= self.goal + TOLERANCE or self.solves >= self.budget or self.elapsed() > self.seconds:
+            raise Enough
+        return np.where(lost, LOST + shortfall, objective + PENALTY * violation)
+
+    def elapsed(self) -> float:
+        return time.perf_counter() - self.began
+
+    def told(self) -> dict[str, Any]:
+        reached = bool(self.best <= self.goal + TOLERANCE)
+        return {"solves": self.solves, "seconds": self.elapsed(), "objective": float(self.best), "reached": reached}
+
+
+def _at_start(problem: Problem) -> np.ndarray:
+    t = problem.space.to_unit(problem.space.reference)
+    return np.asarray(jax.jit(problem.measure)(jnp.asarray(t)).values)
+
+
+def differential(peer: Peer, seed: int) -> dict[str, Any]:
+    n = peer.problem.space.size
+    peer.restart()
+    with contextlib.suppress(Enough):
+        differential_evolution(
+            lambda x: peer.cost(x.T),
+            [(0.0, 1.0)] * n,
+            rng=seed,
+            vectorized=True,
+            updating="deferred",
+            polish=False,
+            maxiter=100_000,
+            tol=1e-8,
+        )
+    return peer.told()
+
+
+def evolution_strategy(peer: Peer, seed: int) -> dict[str, Any]:
+    n = peer.problem.space.size
+    peer.restart()
+    rng = np.random.default_rng(seed)
+    with contextlib.suppress(Enough):
+        while True:  # with restarts, as its author advises
+            options = {"bounds": [0, 1], "seed": int(rng.integers(1, 2**31)), "verbose": -9, "popsize": CPU_CHUNK}
+            strategy = cma.CMAEvolutionStrategy(rng.uniform(0.2, 0.8, n), 0.3, options)
+            while not strategy.stop():
+                asked = strategy.ask()
+                strategy.tell(asked, list(peer.cost(np.array(asked))))
+    return peer.told()
+
+
+def compare_search(path: Path, budget: int, seconds: float) -> dict[str, Any]:
+    wanted = settings.read(configs.load(path))
+    began = time.perf_counter()
+    ours = search(wanted.problem, **wanted.arguments)
+    whole = time.perf_counter() - began
+    compile_seconds = ours.seconds["compile"]
+    result: dict[str, Any] = {
+        "ours": {
+            "solves": ours.solves,
+            "seconds": whole - compile_seconds,
+            "compile": compile_seconds,
+            "objective": ours.best.objective,
+            "violation": ours.best.violation,
+        }
+    }
+    peer = Peer(wanted.problem, ours.best.objective, budget, seconds)
+    seed = wanted.arguments["seed"] + 1
+    result["compile of the peers"] = peer.compile
+    result["differential evolution"] = differential(peer, seed)
+    result["CMA-ES"] = evolution_strategy(peer, seed)
+    return result
+
+
+def compare_front(path: Path) -> dict[str, Any]:
+    wanted = settings.read(configs.load(path))
+    problem = wanted.problem
+    front = pareto(problem, **wanted.arguments)
+    peer = Peer(problem, -np.inf, 10**9, np.inf)
+
+    class Wrapped(Rivals):
+        def _evaluate(self, x, out, *args, **kwargs):
+            _, violation, shortfall, values = peer.measured(x)
+            lost = shortfall > 0
+            terms = np.stack([problem.terms(jnp.asarray(v), peer.scales) for v in values])
+            out["F"] = np.where(lost[:, None], LOST, terms)
+            out["G"] = np.where(lost, 1 + shortfall, violation - FEASIBLE)[:, None]
+
+    wrapped = Wrapped(n_var=problem.space.size, n_obj=len(problem.goals), n_ieq_constr=1, xl=0.0, xu=1.0)
+    peer.restart()
+    population = 100
+    generations = max(1, 10 * front.solves // population)
+    other = minimize(wrapped, NSGA2(pop_size=population), ("n_gen", generations), seed=1).F
+    told = {"solves": peer.solves, "seconds": peer.elapsed(), "designs": len(other)}
+    low, high = np.minimum(front.terms.min(0), other.min(0)), np.maximum(front.terms.max(0), other.max(0))
+    volume = HV(ref_point=low + 1.1 * (high - low))
+    unit = float(np.prod(1.1 * (high - low)))
+    return {
+        "ours": {
+            "solves": front.solves,
+            "seconds": front.seconds["front"],
+            "compile": front.seconds["compile"],
+            "designs": len(front.designs),
+            "hypervolume": float(volume(front.terms)) / unit,
+        },
+        "NSGA-II": told | {"hypervolume": float(volume(other)) / unit},
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("configs", nargs="*", type=Path, default=[CONFIGS / name for name in SEARCHES.values()])
+    parser.add_argument("--budget", type=int, default=20_000, help="solves of each peer at most")
+    parser.add_argument("--seconds", type=float, default=300.0, help="of each peer at most")
+    parser.add_argument("--out", type=Path, help="where to write the numbers as JSON")
+    arguments = parser.parse_args()
+    results = {}
+    for path in arguments.configs:
+        front = configs.load(path).tables["design"].get("front")
+        result = compare_front(path) if front else compare_search(path, arguments.budget, arguments.seconds)
+        results[path.stem] = result
+        print(path.stem)
+        ours = result["ours"]
+        for name, told in result.items():
+            if not isinstance(told, dict):
+                continue
+            numbers = ", ".join(f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}" for k, v in told.items())
+            solves, seconds = told["solves"] / ours["solves"], told["seconds"] / ours["seconds"]
+            ratios = f"  ({solves:.1f} x the solves, {seconds:.1f} x the time)"
+            print(f"  {name}: {numbers}{ratios if name != 'ours' else ''}", flush=True)
+    if arguments.out:
+        arguments.out.write_text(json.dumps(results, indent=2))
+
+
+if __name__ == "__main__":
+    main()
