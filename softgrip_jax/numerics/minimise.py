@@ -95,7 +95,7 @@ def minimise(
     start_load: Scalar,
     guess: Vector,
     load: Scalar,
-    largest_step: Scalar,
+    largest_step: float,
 ) -> Minimum:
     """Follow the minimum from (start, start_load) to `load`, then improve the multipliers `rounds` - 1 times.
 
@@ -108,6 +108,7 @@ def minimise(
     span = jnp.abs(load - start_load)
     safe = jnp.where(span > 0, load - start_load, 1.0)
     zero = jnp.zeros_like(load)
+    largest = zero + largest_step
 
     def towards(kept: Vector, kept_load: Scalar, slope: Vector, step: Scalar, state: _State) -> _State:
         """Set out from an equilibrium to the next load."""
@@ -155,7 +156,7 @@ def minimise(
         there = state.load == load
         change = state.load - state.kept_load
         slope = jnp.where(change == 0, state.slope, (y - state.kept) / jnp.where(change == 0, 1.0, change))
-        step = jnp.minimum(jnp.minimum(2 * jnp.abs(change), largest_step), NEARER * jnp.abs(state.ceiling - state.load))
+        step = jnp.minimum(jnp.minimum(2 * jnp.abs(change), largest), NEARER * jnp.abs(state.ceiling - state.load))
         ahead = towards(y, state.load, slope, step, stored)
         last = there & (state.round == rounds - 1)
         first = there & (state.round == 0)
@@ -202,7 +203,7 @@ def minimise(
         count=count,
     )
     slope = (guess - start) / safe
-    state = towards(start, start_load, slope, largest_step, state)
+    state = towards(start, start_load, slope, largest, state)
     state = lax.while_loop(busy, body, state)
     return Minimum(state.rounds, state.kept, state.kept_load, state.reached, state.lost, state.count)
 

@@ -3,6 +3,7 @@
 Lengths in mm, pressures in kPa.
 """
 
+from . import energy as energy
 from . import finger as finger
 from . import shell as shell
 from .figures import compare as compare

@@ -98,7 +98,7 @@ class EnergyScene(Scene):
         stiffness = self.scaled_load(pressure, multipliers).stiffness
         return contact_pressure(self.functional.gaps(y, self), multipliers, stiffness)
 
-    def pressed_at(self, points: Any, rows: Float[Array, "k n"], pressure: Scalar) -> Float[Array, " m"]:
+    def pressed_at(self, points: Any, rows: Float[Array, "k n"], pressure: Scalar) -> Float[Array, " p"]:
         """The scaled contact pressure of the last round, per flat area, at any points (xi, eta)."""
         points = np.asarray(points, dtype=float)
         values = at_points(self.grid, points)
@@ -151,7 +151,7 @@ class EnergyScene(Scene):
 
     # --- equations ----------------------------------------------------------------------------------------------------
 
-    def _rows(self, unknowns: Vector) -> Float[Array, "k n"]:
+    def _rows(self, unknowns: Vector) -> Float[Array, "k m"]:
         return unknowns.reshape(self.rounds, -1)
 
     def _multipliers(self, rows: Float[Array, "k n"], pressure: Scalar) -> list[Array]:
