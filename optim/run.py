@@ -29,7 +29,7 @@ from softgrip_jax.scene import Scene
 
 from . import settings
 from .front_run import run_front
-from .objectives import Problem
+from .objectives import Goal, Problem
 from .records import design_row, in_si, versions, write_csv
 from .search import ACTIVE, FEASIBLE, SearchResult, search
 
@@ -200,8 +200,14 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row(name, *(in_units(d.x[k], kind) for d in shown))
     table.add_section()
     for k, (quantity, kind) in enumerate(zip(problem.quantities, problem.kinds, strict=True)):
-        table.add_row(problem.label(quantity), *(in_units(d.values[k], kind) for d in shown))
-    for quantity in dict.fromkeys(goal.quantity for goal in problem.goals):
+        if quantity.along is None:  # the points of a shape are in designs.csv
+            table.add_row(problem.label(quantity), *(in_units(d.values[k], kind) for d in shown))
+    followed = [goal for goal in problem.goals if goal.quantity.along is not None]
+    if followed:
+        table.add_row(
+            "distance from the curve (rms)", *(in_units(_distance(problem, followed, d), "length") for d in shown)
+        )
+    for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
         k = problem.quantities.index(quantity)
         start, name = result.reference.values[k], problem.label(quantity)
         table.add_row(f"change of {name}", "", *(f"{(d.values[k] - start) / abs(start):+.1%}" for d in shown[1:]))
@@ -220,6 +226,12 @@ def report(result: SearchResult, console: Console) -> None:
         console.print("No design that keeps every constraint was found.", style="bold")
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved with derivatives ({times})", soft_wrap=True)
+
+
+def _distance(problem: Problem, followed: list[Goal], design: Design) -> float:
+    """Root of the mean square distance of a shape from the points that it shall go through, m: two goals to a point."""
+    missed = [design.values[problem.asked.index(goal.quantity)] - (goal.target or 0.0) for goal in followed]
+    return float(np.sqrt(2 * np.mean(np.square(missed))))
 
 
 def _room(violation: float) -> str:

@@ -63,7 +63,7 @@ STEEPEST = 1.0
 a slope hundreds of times that of the objective, and hardly move for long after it is back."""
 
 FINISHED = 16
-"""Lanes that are finished: the best of as many regions of the cube."""
+"""Lanes that are finished where nothing else is said: half a second's work for a shell."""
 
 REGION, DISTINCT = 0.05, 0.01
 """Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
@@ -178,6 +178,7 @@ def search(
     steps: int = 150,
     optimiser: str = "adam",
     learning_rate: float = 0.1,
+    finishes: int = FINISHED,
     seed: int = 0,
     report: Callable[[int, float, int, int], None] | None = None,
 ) -> SearchResult:
@@ -189,12 +190,13 @@ def search(
         steps: of the optimiser at most; lanes at rest stop before.
         optimiser: name of an optax optimiser, see OPTIMISERS.
         learning_rate: in free variables, whose range is pi.
+        finishes: lanes that are finished, the best of as many regions of the cube.
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
     """
     if optimiser not in OPTIMISERS:
         raise ValueError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
-    for name, number in (("starts", starts), ("steps", steps)):
+    for name, number in (("starts", starts), ("steps", steps), ("finishes", finishes)):
         if number < 1:
             raise ValueError(f"{name} is {number}; it must be 1 or more.")
     space, began = problem.space, time.perf_counter()
@@ -213,7 +215,7 @@ def search(
     descended = time.perf_counter()
 
     candidates = np.asarray(lanes.best_t)[
-        _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:FINISHED]
+        _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:finishes]
     ]
     finished = finish(candidates, evaluate, problem, scales, judge)
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.

@@ -30,7 +30,7 @@ from softgrip_jax.sections import Table, quantity, state_of, varied
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
 from .objectives import Goal, Limits, Problem
-from .search import OPTIMISERS
+from .search import FINISHED, OPTIMISERS
 from .variables import Space, Variable
 
 
@@ -69,6 +69,7 @@ class DesignTable(Table):
     steps: int = pydantic.Field(default=100, ge=1, le=1_000_000)
     optimiser: Literal[OPTIMISERS] = "adam"  # type: ignore[valid-type]
     learning_rate: float = pydantic.Field(default=0.1, gt=0)
+    finishes: int = pydantic.Field(default=FINISHED, ge=1, le=1000)
     seed: int = pydantic.Field(default=0, ge=0)
     front: int | None = pydantic.Field(default=None, ge=3, le=10_000)
 
@@ -100,7 +101,7 @@ def read(config: configs.Config) -> Settings:
     except ValueError as error:
         raise ConfigError(f"{where}: {error}") from None
     if table.front is None:
-        names = ("starts", "steps", "optimiser", "learning_rate", "seed")
+        names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")
         return Settings(problem, {name: getattr(table, name) for name in names}, False)
     if len(problem.goals) not in (2, 3):
         raise ConfigError(f"{where}: a front is between two or three goals; there are {len(problem.goals)}.")

@@ -119,6 +119,7 @@ class Asked:
             limit = limits.get(name)
             solution = None if at is None else solution_at(scenes[name], at)
             if solution is None:
+                assert limit is not None  # what is asked without a state is the limit
                 status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE)
             else:
                 status = solution.status

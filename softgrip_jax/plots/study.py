@@ -46,7 +46,7 @@ def study(data: xr.Dataset) -> Figure:
     for name in names:
         groups.setdefault(data[name].attrs["long_name"].partition(" at ")[0], []).append(name)
     members = list(groups.items())
-    return _figure(len(members), lambda k, ax: _curves(data, *members[k], axes[0], ax))
+    return _figure(len(members), lambda k, ax: _curves(data, members[k][0], members[k][1], axes[0], ax))
 
 
 def _figure(panels: int, paint: Any) -> Figure:
