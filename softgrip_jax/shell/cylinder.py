@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from ..checked import positive
 from ..membrane import angle_of_stretch, angle_over_sine, arc_chain, flat_contact_angle
+from ..scene import Scene
 from .flat_shell import Scalar, ShellScene
 from .obstacle_contact import ObstacleContact
 from .obstacles import Cylinder
@@ -55,7 +56,7 @@ class CylinderContact(ShellScene):
         "clamp_angle": "angle",
     }
 
-    def energy_scene(self):
+    def energy_scene(self) -> Scene:
         return ObstacleContact(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
 
     def geometry(self):
@@ -151,7 +152,7 @@ class AxialOffset(CylinderContact):
 
     OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"flat_length_far": "length", "flat_length_near": "length"}
 
-    def energy_scene(self):
+    def energy_scene(self) -> Scene:
         rod = Cylinder(self.radius, self.gap, offset_y=self.shell.b - self.height)
         return ObstacleContact(self.shell, rod, symmetry="across")
 

@@ -75,19 +75,20 @@ def polynomials(degrees: list[int], x: np.ndarray, clamped: bool) -> Float[np.nd
 
 def _axis(n: int, symmetric: bool) -> tuple[list[int], list[int], np.ndarray, np.ndarray]:
     """Degrees of what is even and of what is odd along an axis, Gauss points and weights (their sum is 2)."""
-    points = 2 * n + SPARE_POINTS
+    x, weights = legendre.leggauss(2 * n + SPARE_POINTS)
+    x = (x + 1) / 2
     if symmetric:
-        x, weights = legendre.leggauss(points)
-        return [2 * k + 2 for k in range(n)], [2 * k + 3 for k in range(n)], (x + 1) / 2, weights
+        return [2 * k + 2 for k in range(n)], [2 * k + 3 for k in range(n)], x, weights
+    # The same points on both sides: a symmetric scene gives the same result with and without its symmetry.
     every = [k + 2 for k in range(2 * n)]
-    return every, every, *legendre.leggauss(2 * points)
+    return every, every, np.concatenate([-x[::-1], x]), np.concatenate([weights[::-1], weights]) / 2
 
 
 def _degrees(grid: Grid) -> tuple[list[tuple[list[int], list[int]]], list[tuple[np.ndarray, np.ndarray]]]:
     """Degrees of (u, v, w) across and along, and the Gauss rules: u is odd across, v odd along, w even."""
-    even_x, odd_x, *rule_x = _axis(grid.across, grid.symmetry in ("across", "both"))
-    even_y, odd_y, *rule_y = _axis(grid.along, grid.symmetry in ("along", "both"))
-    return [(odd_x, even_y), (even_x, odd_y), (even_x, even_y)], [tuple(rule_x), tuple(rule_y)]
+    even_x, odd_x, x, wx = _axis(grid.across, grid.symmetry in ("across", "both"))
+    even_y, odd_y, y, wy = _axis(grid.along, grid.symmetry in ("along", "both"))
+    return [(odd_x, even_y), (even_x, odd_y), (even_x, even_y)], [(x, wx), (y, wy)]
 
 
 def at_points(grid: Grid, points: Any) -> Float[np.ndarray, "3 q r m"]:

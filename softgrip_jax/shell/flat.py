@@ -10,7 +10,7 @@ from jax import lax
 from ..checked import positive, right_angle
 from ..membrane import arc_chain, flat_contact_stretch, inclined_wall, length_stretch
 from ..numerics.roots import bracketed_root, implicit
-from ..scene import frozen
+from ..scene import Scene, frozen
 from .flat_shell import Scalar, ShellScene
 from .free import two_sections
 from .obstacle_contact import EnergyFlat, ObstacleContact
@@ -35,7 +35,7 @@ class FlatContact(ShellScene):
         "clamp_angle": "angle",
     }
 
-    def energy_scene(self):
+    def energy_scene(self) -> Scene:
         return EnergyFlat(self.shell, Plane(self.distance), symmetry="both")
 
     def geometry(self):
@@ -104,7 +104,7 @@ class InclinedContact(ShellScene):
         shell = self.shell
         return inclined_wall(theta, shell.a, shell.b, shell.t_m, shell.material, self.distance, self.angle)
 
-    def energy_scene(self):
+    def energy_scene(self) -> Scene:
         height = (self.distance + self.shell.a * jnp.sin(self.angle)) / jnp.cos(self.angle)
         return ObstacleContact(self.shell, Plane(height, tilt_y=self.angle), symmetry="along")
 

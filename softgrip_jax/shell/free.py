@@ -7,6 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from ..membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
+from ..scene import Scene
 from .flat_shell import ShellScene
 from .obstacle_contact import EnergyFree
 
@@ -30,7 +31,7 @@ class Free(ShellScene):
     CONTACT: ClassVar = False
     ENDLESS: ClassVar = True
 
-    def energy_scene(self):
+    def energy_scene(self) -> Scene:
         return EnergyFree(self.shell)
 
     def geometry(self):
