@@ -173,7 +173,8 @@ def compare_front(path: Path) -> dict[str, Any]:
 
     wrapped = Wrapped(n_var=problem.space.size, n_obj=len(problem.goals), n_ieq_constr=1, xl=0.0, xu=1.0)
     peer.restart()
-    population = 100
+    # As many designs as ours: more of them would fill the same front more densely, and so enclose more.
+    population = len(front.designs)
     generations = max(1, 10 * front.solves // population)
     other = minimize(wrapped, NSGA2(pop_size=population), ("n_gen", generations), seed=1).F
     told = {"solves": peer.solves, "seconds": peer.elapsed(), "designs": len(other)}

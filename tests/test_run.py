@@ -31,9 +31,9 @@ FILES = {
 def finished(tmp_path_factory):
     """The config of the project with fewer starts: (config, run folder, what was printed, result of the search)."""
     folder = tmp_path_factory.mktemp("runs")
-    text = (ROOT / "configs" / "shell_grasp.toml").read_text().replace("starts = 256", "starts = 8")
+    text = (ROOT / "configs" / "shell_grasp.toml").read_text().replace("starts = 32", "starts = 8")
     config = folder / "small.toml"
-    config.write_text(text.replace("steps = 100", "steps = 30"))
+    config.write_text(text.replace("steps = 10\n", "steps = 30\n"))
     printed, kept = io.StringIO(), []
     original = runs.search
     try:
@@ -141,8 +141,8 @@ def test_a_failure_leaves_nothing_behind(finished, monkeypatch, tmp_path, moment
         ('minimise = "pressure_kPa"', 'reach = "pressure_kPa"', "'reach' needs a target"),
         ('at = "required"    #', 'at = "soon"    #', "at must be 'required'"),
         ("low = 1.25", "", "has no bound"),
-        ("starts = 256", "starts = 0", "greater than or equal to 1"),
-        ("starts = 256", "start = 256", "did you mean starts"),
+        ("starts = 32", "starts = 0", "greater than or equal to 1"),
+        ("starts = 32", "start = 256", "did you mean starts"),
         ('optimiser = "adam"', 'optimiser = "adma"', "adam"),
         ("mass_g = 563", "mass_g = 0", "needs Grasp.mass > 0"),
     ],
