@@ -1,0 +1,260 @@
+"""The energy membrane against finite elements, a mesh of triangles minimised by SciPy, and laws that must hold."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import shell
+from scipy.optimize import minimize
+
+import softgrip_jax as sg
+from softgrip_jax.materials import Material
+from softgrip_jax.results import Status
+from softgrip_jax.shell.energy import tension_field
+from softgrip_jax.shell.obstacles import Cylinder, Obstacle, Plane, Shape, Sphere
+from softgrip_jax.units import kPa, mm
+
+# Finite elements (Q2/Q1 solids, nearly incompressible neo-Hookean, clamped, frictionless; FElupe 11.3, 0.2 to 0.5 %).
+FREE = {2.5: 5.794, 5: 7.9015, 7.5: 9.718, 10: 11.5134, 12.5: 13.4524, 15: 15.7501, 17.5: 18.9282}
+"""Shell 32 x 86 x 1.1 mm, mu 175 kPa: inflation, mm, at kPa; the largest pressure is 19.55 kPa."""
+ON_PLANE = {5: 3.3115, 10: 11.2138, 15: 20.7274, 20: 31.3090}
+"""The same on a plane 5 mm above its outer face: force, N."""
+CHAMBER = {10: 0.41190, 20: 1.25411, 28: 2.04919, 31: 2.36926, 41: 3.49171}
+"""Wall 10 x 16 x 1.1 mm, mu 136 kPa, on a plane 0.9 mm above it: force, N."""
+
+SMALL = {"across": 2, "lengthwise": 2}
+
+
+def small(obstacle: Obstacle, material: str = "neo", symmetry: str = "both", **sides) -> sg.shell.ObstacleContact:
+    return sg.shell.ObstacleContact(shell(material, **sides), obstacle, symmetry=symmetry, **SMALL)
+
+
+def test_free_inflation_and_its_limit_against_finite_elements():
+    scene = sg.shell.Free(shell(), model="energy")
+    seen = sg.path(scene, np.array(list(FREE)) * kPa).inflation / mm
+    error = np.asarray(seen) / np.array(list(FREE.values())) - 1
+    assert abs(error[0]) < 0.04
+    assert np.max(np.abs(error[1:])) < 0.015
+    assert abs(float(sg.limit_pressure(scene)) / (19.55 * kPa) - 1) < 0.02
+
+
+def test_force_on_a_plane_against_finite_elements():
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm, model="energy")
+    error = np.asarray(sg.path(scene, np.array(list(ON_PLANE)) * kPa).force) / np.array(list(ON_PLANE.values())) - 1
+    assert abs(error[0]) < 0.07
+    assert np.max(np.abs(error[1:])) < 0.03
+
+
+def test_a_thick_wall_bends():
+    wall = sg.FlatShell(a=5 * mm, b=8 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=136 * kPa))
+    scene = sg.shell.ObstacleContact(wall, Plane(0.9 * mm), symmetry="both", bending=True, across=4, lengthwise=4)
+    error = np.asarray(sg.path(scene, np.array(list(CHAMBER)) * kPa).force) / np.array(list(CHAMBER.values())) - 1
+    assert np.max(np.abs(error)) < 0.1
+
+
+def triangles_inflation(a: float, b: float, t_m: float, mu: float, pressure: float, n: int) -> float:
+    """Centre height of a clamped neo-Hookean membrane: a quarter in 2 n^2 triangles of constant strain, L-BFGS."""
+    x, y = np.meshgrid(np.linspace(0, a, n + 1), np.linspace(0, b, n + 1), indexing="ij")
+    rest = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    index = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    one = np.stack([index[:-1, :-1], index[1:, :-1], index[1:, 1:]], axis=-1).reshape(-1, 3)
+    two = np.stack([index[:-1, :-1], index[1:, 1:], index[:-1, 1:]], axis=-1).reshape(-1, 3)
+    cells = np.concatenate([one, two])
+    edges = np.stack([rest[cells[:, k], :2] - rest[cells[:, 0], :2] for k in (1, 2)], axis=2)
+    inverse, area = np.linalg.inv(edges), 0.5 * np.abs(np.linalg.det(edges))
+    free = np.ones_like(rest, dtype=bool)
+    clamped = (rest[:, 0] >= a * (1 - 1e-9)) | (rest[:, 1] >= b * (1 - 1e-9))
+    free[clamped] = False
+    free[rest[:, 0] == 0, 0] = False
+    free[rest[:, 1] == 0, 1] = False
+
+    def energy(moved):
+        place = rest.copy()
+        place[free] += moved * a
+        p = place[cells]
+        f = np.stack([p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]], axis=2) @ inverse
+        c = np.swapaxes(f, 1, 2) @ f
+        det = np.linalg.det(c)
+        stress = f @ (np.eye(2) - np.linalg.inv(c) / det[:, None, None])
+        total = np.sum(area * t_m * mu / 2 * (np.trace(c, axis1=1, axis2=2) + 1 / det - 3))
+        pull = t_m * mu * area[:, None, None] * stress @ np.swapaxes(inverse, 1, 2)
+        slope = np.zeros_like(rest)
+        np.add.at(slope, cells[:, 1], pull[:, :, 0])
+        np.add.at(slope, cells[:, 2], pull[:, :, 1])
+        np.add.at(slope, cells[:, 0], -pull.sum(axis=2))
+        # The volume between a triangle and z = 0: mean height times projected area.
+        (x0, y0, z0), (x1, y1, z1), (x2, y2, z2) = (p[:, k].T for k in range(3))
+        flat, mean = 0.5 * ((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0)), (z0 + z1 + z2) / 3
+        total -= pressure * np.sum(flat * mean)
+        sides = ((y1 - y2, x2 - x1), (y2 - y0, x0 - x2), (y0 - y1, x1 - x0))
+        for k, (dx, dy) in enumerate(sides):
+            push = np.stack([0.5 * dx * mean, 0.5 * dy * mean, flat / 3], axis=1)
+            np.add.at(slope, cells[:, k], -pressure * push)
+        scale = mu * t_m * a**2
+        return total / scale, slope[free] * a / scale
+
+    start = np.zeros_like(rest)
+    start[:, 2] = 0.6 * (1 - (rest[:, 0] / a) ** 2) * (1 - (rest[:, 1] / b) ** 2)
+    options = {"maxiter": 20000, "maxfun": 20000, "ftol": 1e-13, "gtol": 1e-7, "maxcor": 30}
+    found = minimize(energy, start[free], jac=True, method="L-BFGS-B", options=options)
+    place = np.zeros_like(rest)
+    place[free] = found.x * a
+    return float(place[0, 2])
+
+
+def test_a_mesh_of_triangles_rises_as_high():
+    a, b, t_m, mu, pressure = 16 * mm, 24 * mm, 1.1 * mm, 175 * kPa, 12 * kPa
+    coarse, fine = (triangles_inflation(a, b, t_m, mu, pressure, n) for n in (8, 16))
+    limit = fine + (fine - coarse) / 3  # the error falls with the square of the size
+    scene = sg.shell.Free(shell(a=a, b=b, t_m=t_m), model="energy")
+    assert abs(float(sg.solve(scene, pressure).inflation) / limit - 1) < 0.005
+
+
+def test_more_polynomials_have_less_energy():
+    energies = []
+    for n in (1, 2, 3):
+        scene = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), across=n, lengthwise=n)
+        solution = sg.solve(scene, 12 * kPa)
+        load = scene.scaled_load(jnp.asarray(12 * kPa), scene.no_multipliers())
+        energies.append(float(scene.functional.value(solution.unknowns, scene, load)))
+    assert energies[0] > energies[1] > energies[2]
+    assert energies[1] - energies[2] < 0.3 * (energies[0] - energies[1])
+
+
+def test_forces_on_a_ball_point_to_its_middle():
+    ball = Sphere(radius=20 * mm, gap=4 * mm, offset_x=3 * mm, offset_y=-5 * mm)
+    solution = sg.solve(small(ball, symmetry="none"), 12 * kPa)
+    middle = np.array([3 * mm, -5 * mm, 24 * mm])
+    force = np.array([solution.force_x, solution.force_y, solution.force_z])
+    moment = np.array([solution.moment_x, solution.moment_y, solution.moment_z])
+    np.testing.assert_allclose(moment, np.cross(middle, force), rtol=0, atol=1e-9)
+    assert force[2] > 1
+    # The membrane is highest in its middle and pushes the ball away from there.
+    assert force[0] > 0 > force[1]
+
+
+def test_what_a_membrane_does_to_a_plane_is_the_slope_of_its_energy():
+    def energy(height):
+        scene = small(Plane(height))
+        solution = sg.solve(scene, pressure)
+        rows = scene._rows(solution.unknowns)
+        load = scene.scaled_load(pressure, scene._multipliers(rows, pressure)[-2])
+        return scene.functional.value(rows[-1], scene, load) * scene.unit() * scene.shell.a**3, solution.force
+
+    pressure, h, step = jnp.asarray(12 * kPa), 5 * mm, 0.05 * mm
+    (low, _), (_, force), (high, _) = energy(h - step), energy(h), energy(h + step)
+    # Less room stores more energy; multipliers of one round leave a percent.
+    assert abs(float(low - high) / (2 * step) / float(force) - 1) < 0.02
+
+
+def test_symmetry_is_a_shortcut():
+    plane = Plane(5 * mm)
+    full, half = (sg.solve(small(plane, symmetry=symmetry), 12 * kPa) for symmetry in ("none", "both"))
+    for name in ("force", "force_z", "inflation", "stretch"):
+        np.testing.assert_allclose(full.observables[name], half.observables[name], rtol=1e-8)
+    assert abs(float(full.moment_x)) < 1e-10
+
+
+def test_a_square_does_not_know_its_sides():
+    square = {"a": 16 * mm, "b": 16 * mm}
+    along = Cylinder(20 * mm, 4 * mm, offset_x=3 * mm, heading=np.pi / 2)
+    across = Cylinder(20 * mm, 4 * mm, offset_y=3 * mm)
+    one, two = sg.solve(small(along, symmetry="along", **square), 12 * kPa), sg.solve(
+        small(across, symmetry="across", **square), 12 * kPa
+    )  # fmt: skip
+    np.testing.assert_allclose(one.force_x, two.force_y, rtol=1e-8)
+    np.testing.assert_allclose(one.force_z, two.force_z, rtol=1e-8)
+    np.testing.assert_allclose(one.moment_y, -two.moment_x, rtol=1e-8)
+
+
+def test_a_function_of_the_user_is_an_obstacle():
+    def tub(place, radius):
+        return jnp.linalg.norm(place - jnp.array([0.0, 0.0, 1.0]) * (radius + 4 * mm)) - radius
+
+    own = sg.solve(small(Shape(tub, jnp.asarray(30 * mm))), 12 * kPa)
+    ball = sg.solve(small(Sphere(30 * mm, 4 * mm)), 12 * kPa)
+    np.testing.assert_allclose(own.force, ball.force, rtol=1e-12)
+
+
+@pytest.mark.parametrize("material", ["neo", pytest.param("ogden", marks=pytest.mark.slow)])
+def test_derivatives_forward_reverse_and_differences_agree(material):
+    scene = small(Plane(5 * mm), material)
+
+    @jax.jit
+    def seen(change, scene):
+        changed = jax.tree.map(lambda leaf: leaf * (1 + change), scene)
+        solution = sg.solve(changed, 12 * kPa * (1 - change))
+        return jnp.stack([solution.force, solution.inflation])
+
+    @jax.jit
+    def both(scene):
+        reverse = jax.jacrev(seen)(0.0, scene)
+        return reverse, jax.jacfwd(seen)(0.0, scene)
+
+    reverse, forward = both(scene)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-8)
+    step = 1e-5
+    differences = (seen(step, scene) - seen(-step, scene)) / (2 * step)
+    np.testing.assert_allclose(forward, differences, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_inverse_and_limit_have_derivatives():
+    scene = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), **SMALL)
+
+    def asked(factor):
+        changed = eqx.tree_at(lambda s: s.shell.t_m, scene, scene.shell.t_m * factor)
+        return jnp.stack([sg.pressure_for(changed, inflation=12 * mm).pressure, sg.limit_pressure(changed)])
+
+    # Pressure is in proportion to the thickness of a membrane.
+    slope = jax.jit(jax.jacrev(asked))(1.0)
+    np.testing.assert_allclose(slope, asked(1.0), rtol=1e-8)
+
+
+def test_every_lane_is_labelled():
+    scene = small(Plane(5 * mm))
+    free = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), **SMALL)
+    limit = float(sg.limit_pressure(free))
+    onset = float(sg.contact_pressure(scene))
+    pressures = jnp.array([0.0, 0.97 * onset, 1.05 * onset, 12 * kPa])
+    solutions = jax.vmap(lambda p: sg.solve(scene, p))(pressures)
+    assert [Status(int(s)).name for s in solutions.status] == ["NO_CONTACT", "NO_CONTACT", "OK", "OK"]
+    assert np.all(np.asarray(solutions.force[:2]) == 0)
+    np.testing.assert_allclose(solutions.force[3], sg.solve(scene, 12 * kPa).force, rtol=1e-10)
+    several = jnp.array([0.5 * limit, 0.9999 * limit, 1.0005 * limit, 2 * limit])
+    rises = jax.jit(jax.vmap(jax.value_and_grad(lambda p: sg.solve(free, p).inflation)))
+    heights, slopes = rises(several)
+    assert np.isfinite(heights[:2]).all()
+    assert np.isnan(heights[2:]).all()
+    assert np.all(np.asarray(slopes[:2]) > 0)
+    assert np.all(np.asarray(slopes[2:]) == 0)
+    status = sg.path(free, several).status
+    assert [Status(int(s)).name for s in status] == ["OK", "OK", "BEYOND_LIMIT", "BEYOND_LIMIT"]
+
+
+def test_the_energy_of_a_sheet_is_that_of_its_stretches():
+    for name in ("neo", "gent", "ogden"):
+        material = shell(name).material
+        for l1, l2 in ((1.3, 1.1), (1.2, 1.2)):
+            c = jnp.array([[l1**2, 0.0], [0.0, l2**2]])
+            exact = material.energy(jnp.asarray(l1), jnp.asarray(l2), jnp.asarray(1 / (l1 * l2)))
+            trace, determinant = jnp.trace(c), jnp.linalg.det(c)
+            np.testing.assert_allclose(material.sheet_energy(trace, determinant), exact, rtol=1e-7)
+            np.testing.assert_allclose(Material.sheet_energy(material, trace, determinant), exact, rtol=1e-7)
+
+
+def test_a_wrinkled_sheet_pulls_one_way():
+    # Narrower than its natural width: the energy of uniaxial tension, whatever the width.
+    for width in (0.5, 0.8, 1.3**-0.5):
+        trace, determinant = tension_field(jnp.asarray(1.3**2 + width**2), jnp.asarray(1.3**2 * width**2))
+        np.testing.assert_allclose([trace, determinant], [1.3**2 + 1 / 1.3, 1.3], rtol=1e-12)
+    np.testing.assert_allclose(tension_field(jnp.asarray(0.81 + 0.64), jnp.asarray(0.81 * 0.64)), [2, 1])
+    np.testing.assert_allclose(tension_field(jnp.asarray(2.88), jnp.asarray(2.0736)), [2.88, 2.0736])
+
+
+def test_a_scene_without_the_model_says_so():
+    with pytest.raises(ValueError, match=r"Grasp\.model is 'energy'; there is only 'arc'"):
+        sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, model="energy")
