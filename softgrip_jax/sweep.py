@@ -192,7 +192,8 @@ def run_sweep(config: Path, out: Path | None, console: Console) -> Path:
 def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], None]]:
     """What `run_in` reports to: a bar with the time left, or a line now and then where there is no terminal."""
     if not console.is_terminal:
-        began, last = time.monotonic(), [0.0]
+        # The first chunk compiles: the speed is that of what follows it.
+        first, last = [0.0, 0.0], [0.0]
 
         def tell(done: int, skipped: int) -> None:
             now = time.monotonic()
@@ -200,9 +201,12 @@ def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], Non
                 words = f"going on with {done} of {total} designs" if done else f"compiling, then {total} designs"
                 console.print("all designs are there" if done == total else words)
             elif done == total or now - last[0] >= LINE_SECONDS:
-                left = (now - began) * (total - done) / (done - skipped)
-                console.print(f"{done} of {total} designs, {left:.0f} s left")
+                known = first[0] and done > first[1]
+                left = (now - first[0]) * (total - done) / (done - first[1]) if known else 0.0
+                console.print(f"{done} of {total} designs" + (f", {left:.0f} s left" if known and left else ""))
                 last[0] = now
+            if done > skipped and not first[0]:
+                first[:] = now, done
 
         yield tell
         return
