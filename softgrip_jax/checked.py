@@ -90,6 +90,11 @@ def choice(*allowed: str, **kwargs: Any) -> Any:
     return eqx.field(static=True, metadata={"allowed": allowed}, **kwargs)
 
 
+def count(**kwargs: Any) -> Any:
+    """A static whole number, one or more."""
+    return eqx.field(static=True, metadata={"least": 1}, **kwargs)
+
+
 def part(*types: type, **kwargs: Any) -> Any:
     """Another module (a shell in a scene, a material in a shell)."""
     return eqx.field(metadata={"types": types}, **kwargs)
@@ -137,6 +142,8 @@ class Checked(eqx.Module):
                 require(where, value, "positive", "number")
             elif "allowed" in meta and value not in meta["allowed"]:
                 raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+            elif "least" in meta and not (type(value) is int and value >= meta["least"]):
+                raise ValueError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
             elif "types" in meta and not isinstance(value, meta["types"]):
                 names = " or ".join(t.__name__ for t in meta["types"])
                 raise ValueError(f"{where} is {value!r}; it must be a {names}.")

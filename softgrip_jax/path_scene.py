@@ -7,6 +7,7 @@ the value at which it begins to act. What is found is therefore on the branch co
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -15,13 +16,15 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import admissible
-from .numerics.paths import FOLD, REACHED, Goal, fold_load, follow, trace
+from .numerics.paths import FOLD, REACHED, Fine, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
 from .scene import Found, Scene, frozen
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
+Goal = Callable[[Vector, Fine], Scalar]
+"""(u, fine) -> a number that rises through zero where a search ends."""
 
 
 class Span(NamedTuple):
@@ -50,19 +53,24 @@ class PathScene(Scene):
         """The unknowns without any load: an exact solution at share 0 and no pressure."""
 
     @abc.abstractmethod
-    def measured(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
+    def measured(
+        self, unknowns: Vector, share: Scalar, pressure: Scalar, fine: Fine = True
+    ) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
-        observed. Both come from one integration; what is not used is not computed."""
+        observed. Both come from one integration; what is not used is not computed.
 
-    def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
+        fine: where it is not True but an array, cheap numerics may do (see `paths.follow`), in forward mode only."""
+
+    def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar, fine: Fine = True) -> Vector:
         """The equations alone."""
-        return self.measured(unknowns, share, pressure)[0]
+        return self.measured(unknowns, share, pressure, fine)[0]
 
-    def measure(self, unknowns, pressure):
-        return self.measured(unknowns, jnp.ones_like(pressure), pressure)
+    def observe(self, unknowns, pressure, fine: Fine = True):
+        return self.measured(unknowns, jnp.ones_like(pressure), pressure, fine)[1]
 
-    def observe(self, unknowns, pressure):
-        return self.measure(unknowns, pressure)[1]
+    def has_rough_way(self) -> bool:
+        """Whether there are cheap numerics to find the way with."""
+        return False
 
     @abc.abstractmethod
     def pressure_span(self) -> Span:
@@ -81,12 +89,12 @@ class PathScene(Scene):
     def _search(self, start: Vector, goal: Goal, span: Span) -> tuple[Vector, Array, Array]:
         """(point u, status, steps) where `goal` rises through zero along the path from `start`."""
 
-        def along(u):
+        def along(u, fine):
             # The loads arrive with zero slope at u[-1] = 1, where the pressure takes over: no kink for the tangent.
             share = 1 - (1 - jnp.minimum(u[-1], 1)) ** 2
-            return self.ramped(u[:-1], share, span.pressure_at(u))
+            return self.ramped(u[:-1], share, span.pressure_at(u), fine)
 
-        end = follow(along, start, goal)
+        end = follow(along, start, goal, self.has_rough_way())
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
@@ -98,7 +106,7 @@ class PathScene(Scene):
         span = self.pressure_span()
         wanted = span.place_of(pressure)
         reachable = jnp.minimum(wanted, span.place_of(span.end))
-        u, status, steps = self._search(self._start(), lambda u: u[-1] - reachable, span)
+        u, status, steps = self._search(self._start(), lambda u, _: u[-1] - reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
@@ -109,7 +117,7 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._start(), lambda u: u[-1] - span.place_of(span.end), span)
+        u, status, _ = self._search(self._start(), lambda u, _: u[-1] - span.place_of(span.end), span)
         at_fold = status == Status.BEYOND_LIMIT
         pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
@@ -131,14 +139,14 @@ class PathScene(Scene):
         fixed, value = frozen((self, target))
         span = fixed.pressure_span()
 
-        def surplus(scene, target, unknowns, pressure):
+        def surplus(scene, target, unknowns, pressure, fine=True):
             size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
-            return (scene.observe(unknowns, pressure)[name] - target) / size
+            return (scene.observe(unknowns, pressure, fine)[name] - target) / size
 
-        def over(u):
-            return surplus(fixed, value, u[:-1], span.pressure_at(u))
+        def over(u, fine=True):
+            return surplus(fixed, value, u[:-1], span.pressure_at(u), fine)
 
-        loaded, status, steps = fixed._search(fixed._start(), lambda u: u[-1] - 1, span)
+        loaded, status, steps = fixed._search(fixed._start(), lambda u, _: u[-1] - 1, span)
         u, reached, more = fixed._search(loaded.at[-1].set(1.0), over, span)
         status = jnp.where(status == Status.OK, jnp.where(over(loaded) >= 0, Status.NO_CONTACT, reached), status)
         pressure = span.pressure_at(u)
@@ -163,7 +171,7 @@ class PathScene(Scene):
     def branch(self, n):
         """n points at equal arc lengths from the first effect of pressure, through the limit point."""
         span = self.pressure_span()
-        loaded, status, _ = self._search(self._start(), lambda u: u[-1] - 1, span)
+        loaded, status, _ = self._search(self._start(), lambda u, _: u[-1] - 1, span)
 
         def along(u):
             return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
@@ -178,5 +186,5 @@ class PathScene(Scene):
         return jax.vmap(report)(points, trusted)
 
 
-BRANCH_LENGTH = 40.0
+BRANCH_LENGTH = 50.0
 """Arc length of a drawn branch in scaled units: through the fold and down to where the finger curls up."""

@@ -102,6 +102,8 @@ class Scene(Checked):
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
         found = frozen(found)
         own = jnp.max(jnp.abs(jnp.atleast_1d(frozen(self).residual(found.unknowns, found.pressure))))
+        # Rounding leaves a residual in proportion to the unknowns.
+        own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns)))
         residual = jnp.maximum(own, jnp.abs(found.mismatch))
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small

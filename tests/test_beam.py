@@ -9,7 +9,6 @@ from fingers import TYPE_A, contact, free, pneunet, solved
 from scipy.integrate import solve_bvp
 
 import softgrip_jax as sg
-from softgrip_jax.numerics.shooting import fixed_steps
 from softgrip_jax.pneunet import beam
 from softgrip_jax.pneunet.section import ExactNeoHookean
 from softgrip_jax.units import mm
@@ -50,9 +49,9 @@ def test_held_tip_matches_scipy_at_random_fingers(law):
     np.testing.assert_array_equal(found["status"], OK)
     for i, (f, _, *loads) in enumerate(cases):
         _, force, end = ref.held_tip(f, law, [(f["L"], ref.end_moment(f, pressures[i]))], *loads)
-        np.testing.assert_allclose(found["tip_force"][i], force, rtol=1e-9)
-        np.testing.assert_allclose(found["tip"][i], end[2:], rtol=0, atol=1e-9 * f["L"])
-        np.testing.assert_allclose(found["tip_angle"][i], -end[0], rtol=1e-9)
+        np.testing.assert_allclose(found["tip_force"][i], force, rtol=1e-7)
+        np.testing.assert_allclose(found["tip"][i], end[2:], rtol=0, atol=1e-7 * f["L"])
+        np.testing.assert_allclose(found["tip_angle"][i], -end[0], rtol=1e-7)
 
 
 def test_strong_tension_in_a_batch_stays_on_the_branch_from_zero_load():
@@ -127,20 +126,17 @@ def typical_beam():
     loads = beam.Loads(jnp.asarray(0.01), jnp.asarray(0.02), jnp.asarray(0.0), jnp.asarray(0.01))
     cover = beam.Cover(jnp.asarray(5 / 77), ExactNeoHookean(), loads)
     zero = jnp.asarray(0.0)
-    return cover, beam.State(zero, jnp.asarray(0.2), zero, zero), jnp.asarray(-0.13)
+    return cover, beam.State(zero, jnp.asarray(0.2), zero, zero, zero, zero), jnp.asarray(-0.13)
 
 
 def test_fixed_steps_have_order_eight():
     cover, start, active = typical_beam()
     whole = beam.Part(jnp.asarray(0.0), jnp.asarray(1.0), None)
     exact = np.array(jax.jit(beam.reference_shot, static_argnums=4)(cover, start, whole, active, 1e-13))
-    fixed = jax.jit(
-        lambda steps: fixed_steps(beam.slopes, start, (cover, active), whole.low, whole.high, steps)[0],
-        static_argnums=0,
-    )
+    fixed = jax.jit(lambda steps: beam.run_part(cover, start, whole, active, steps)[1], static_argnums=0)
     errors = [np.max(np.abs(np.array(fixed(steps)) - exact)) for steps in (4, 8, 16, 32)]
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert errors[2] < 1e-9  # the default number of steps
+    assert errors[1] < 1e-6  # the default number of steps; with a moment at the clamp far from that of a held tip
     assert np.all(orders[1:] > 7.5), orders
 
 

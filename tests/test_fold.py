@@ -81,7 +81,7 @@ def test_limit_pressure_is_where_the_end_moment_is_largest(law):
     assert moment == pytest.approx(PUBLISHED[law][0], abs=1e-3)
     assert limits[0] * 1e3 == pytest.approx(PUBLISHED[law][1], abs=0.06)
     for kind, limit in zip("AB", limits, strict=True):
-        assert limit == pytest.approx(fold_pressure(TYPES[kind], moment), rel=1e-8)
+        assert limit == pytest.approx(fold_pressure(TYPES[kind], moment), rel=1e-7)
     below, above = solutions.status[:, -2], solutions.status[:, -1]
     assert np.all(below == sg.Status.OK)
     assert np.all(above == sg.Status.BEYOND_LIMIT)
@@ -164,7 +164,7 @@ def test_branch_shows_the_fold_and_what_is_behind_it():
         start = [0.0, points.unknowns[i, k, 0] * unit, 0.0, 0.0]
         part = [(f["L"], end_moment(f, points.pressure[i, k] / MPa))]
         tip = integrate(f, "exact", part, start, ((0.0, points.tip_force[i, k]), (0.0, 0.0)), HELD_TO)[-1]
-        assert abs(tip[1]) < 1e-7 * unit
-        assert abs(tip[3]) < 1e-7
+        assert abs(tip[1]) < 1e-6 * unit
+        assert abs(tip[3]) < 1e-6
         np.testing.assert_allclose(tip[2:], points.tip[i, k] / mm, atol=1e-6)
         assert points.tip_angle[i, k] == pytest.approx(-tip[0], rel=1e-7)

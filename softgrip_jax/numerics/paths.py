@@ -26,11 +26,13 @@ Residual = Callable[[Vector], Vector]
 """u of size n + 1 -> n equations."""
 Goal = Callable[[Vector], Scalar]
 """u -> a number that rises through zero where the search ends."""
+Fine = Bool[Array, ""] | bool
+"""Whether a residual or a goal is wanted as it is (True) or by cheap means that show the way (False)."""
 
-FIRST_STEP = 0.2
-LARGEST_STEP = 1.0
+FIRST_STEP = 1.0
+LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-7
-"""Arc lengths in scaled units: a fifth of a typical load to start with; below 1e-7 a path counts as ended."""
+"""Arc lengths in scaled units: a typical load to start with; below 1e-7 a path counts as ended."""
 MAX_STEPS = 400
 NEWTON_STEPS = 8
 """A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
@@ -44,9 +46,23 @@ DETOUR = 0.25
 GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
-"""A last move this small leaves an error near 1e-15 on a regular path; what it leaves is judged by the residual."""
-FLAT = 1e-8
-"""Load component of the tangent that counts as a limit point: its load is then right to 1e-16."""
+"""Moves below this need not contract: they are near rounding."""
+ROUGH_ERROR = 0.05
+"""How far (over 1 + |u|) a point of the rough path may be from the point of the path that it stands for."""
+
+
+class Accuracy(NamedTuple):
+    """How well the points of a path are solved for."""
+
+    move: Scalar | float
+    """Newton's method ends where its next move would be below this."""
+    flat: Scalar | float
+    """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
+
+
+FINE = Accuracy(1e-16, 1e-8)
+ROUGH = Accuracy(1e-3, 1e-2)
+"""To keep to a branch, not to know it."""
 
 STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
@@ -71,10 +87,16 @@ def value_and_jacobian(function: Residual, u: Vector) -> tuple[Float[Array, " m"
     return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
 
-def newton(function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_STEPS) -> Corrected:
-    """Newton's method from a good start, to the last bits of u; given up where its moves do not contract."""
+def newton(
+    function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_STEPS, accuracy: Accuracy = FINE
+) -> Corrected:
+    """Newton's method from a good start; given up where its moves do not contract."""
     n = u.shape[0]
-    enough = 1e3 * jnp.finfo(u.dtype).eps
+
+    def next_move(before_last, last):
+        """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving."""
+        ratio = jnp.where(jnp.isfinite(before_last), last / before_last, 1.0)
+        return last * jnp.minimum(ratio, 1.0) ** 2
 
     def step(state):
         u, _, _, last, count = state
@@ -86,12 +108,15 @@ def newton(function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_S
     def busy(state):
         u, _, before_last, last, count = state
         contracts = last <= jnp.maximum(CONTRACTION * before_last, SETTLED)
-        # Quadratic convergence: after a move of 1e-7 the next one reaches the last bit, and one after that is idle.
-        return (before_last > jnp.sqrt(enough)) & (count < limit) & contracts & jnp.all(jnp.isfinite(u))
+        # Written so that a NaN, from two moves of zero or from none at all, ends the loop.
+        more = ~(next_move(before_last, last) <= accuracy.move) & (last > accuracy.move)
+        return more & (count < limit) & contracts & jnp.all(jnp.isfinite(u))
 
     far = jnp.asarray(jnp.inf, u.dtype)
-    u, jacobian, _, size, _ = lax.while_loop(busy, step, (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0)))
-    return Corrected(u, jacobian, size <= SETTLED)
+    start = (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0))
+    u, jacobian, before_last, last, _ = lax.while_loop(busy, step, start)
+    settled = (last <= accuracy.move) | (next_move(before_last, last) <= accuracy.move)
+    return Corrected(u, jacobian, settled & jnp.isfinite(last))
 
 
 def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[Array, " m"]:
@@ -107,6 +132,7 @@ def correct(
     guess: Vector,
     goal: Goal | None = None,
     to_goal: Bool[Array, ""] | bool = False,
+    accuracy: Accuracy = FINE,
 ) -> tuple[Point, Bool[Array, ""]]:
     """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
 
@@ -119,7 +145,7 @@ def correct(
         last = plane if goal is None else jnp.where(to_goal, goal(u), plane)
         return jnp.append(residual(u), last)
 
-    found = newton(equations, guess, jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS))
+    found = newton(equations, guess, jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS), accuracy)
     tangent = _tangent(found.jacobian[:-1], point.tangent)
     steady = jnp.dot(tangent, point.tangent) > TURN
     near = jnp.linalg.norm(found.u - guess) <= DETOUR * jnp.linalg.norm(guess - point.u) + SETTLED
@@ -146,6 +172,10 @@ class Search(NamedTuple):
     """Whether the last trial in the bracket was still rising (1) or not (-1); 0 before the first."""
     at_fold: Bool[Array, ""]
     """Whether `far` is a limit point."""
+    bend: Vector
+    """Change of the tangent with arc length behind `before`: what the next step expects."""
+    borrowed: Bool[Array, ""]
+    """Whether `before` is a point of the rough path, to be corrected first."""
     mode: Int[Array, ""]
     count: Int[Array, ""]
 
@@ -158,34 +188,76 @@ class End(NamedTuple):
     steps: Int[Array, ""]
 
 
-def follow(residual: Residual, u: Vector, goal: Goal) -> End:
-    """Follow the path from u towards growing load until `goal` rises through zero, the load turns, or the path ends."""
-    up = jnp.zeros_like(u).at[-1].set(1.0)
-    zero = jnp.zeros((), u.dtype)
+def follow(
+    residual: Callable[[Vector, Fine], Vector], u: Vector, goal: Callable[[Vector, Fine], Scalar], roughly: bool = False
+) -> End:
+    """Follow the path from u towards growing load until `goal` rises through zero, the load turns, or the path ends.
+
+    roughly: the way is found with the cheap equations alone, and its end is corrected; where that is not plainly the
+    same point, the path itself is followed from u. Both ways are one program, compiled once.
+    """
+    start = _begin(u)
+    if not roughly:
+        end = _walk(lambda u: residual(u, True), start, start, lambda u: goal(u, True), FINE)
+        return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.count)
+
+    def walk(last, fine):
+        way, count = last
+        # At the goal one correction remains; a limit point is looked for again from the last point before it.
+        arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
+        near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
+        lent = _pick(way.mode == REACHED, arrived, near_fold)._replace(borrowed=jnp.asarray(True))
+        begin = _pick((way.mode == REACHED) | (way.mode == FOLD), lent, start)
+        accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
+        found = _walk(lambda u: residual(u, fine), begin, start, lambda u: goal(u, fine), accuracy)
+        return (found, count + found.count), None
+
+    (end, count), _ = lax.scan(walk, (start, jnp.asarray(0)), jnp.asarray([False, True]))
+    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), count)
+
+
+def _begin(u: Vector) -> Search:
+    """The first "step" has length zero: it finds the tangent at u."""
+    zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
+    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0))
+    no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
+    length = zero + FIRST_STEP
+    return Search(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, mode, count)
+
+
+def _pick(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
+
+
+def _walk(residual: Residual, start: Search, fresh: Search, goal: Goal, accuracy: Accuracy) -> Search:
+    """One search to its end; where what it was lent turns out to be wrong, another from `fresh`."""
 
     def guess_of(search: Search) -> Vector:
-        """A quadratic through `before`, its tangent and `far`, at the next trial."""
-        before, far = search.before, search.far
-        straight = before.u + search.length * before.tangent
-        bend = (far.u - before.u - search.high * before.tangent) / jnp.where(search.high > 0, search.high, 1.0) ** 2
-        return straight + jnp.where(search.mode == STEPPING, 0.0, search.length**2) * bend
+        """A quadratic at the next trial: as the path bent before, or through `before`, its tangent and `far`."""
+        before, far, length = search.before, search.far, search.length
+        through_far = (far.u - before.u - search.high * before.tangent) / jnp.where(
+            search.high > 0, search.high, 1
+        ) ** 2
+        bend = jnp.where(search.mode == STEPPING, 0.5 * search.bend, through_far)
+        return before.u + jnp.where(search.count == 0, 0.0, length) * (before.tangent + length * bend)
 
     def step(search: Search) -> Search:
         to_goal = search.mode == TO_GOAL
-        new, good = correct(residual, search.before, guess_of(search), goal, to_goal)
-        stepped, folding = _after_step(search, new, good, goal), _after_fold_trial(search, new, good, goal)
+        new, good = correct(residual, search.before, guess_of(search), goal, to_goal, accuracy)
+        u = search.before.u
+        same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
+        # At the start the tangent was only guessed: it may turn as it likes, but must point to growing load.
+        first = (search.count == 0) & ~to_goal
+        good = jnp.where(first, jnp.all(jnp.isfinite(new.tangent)) & (new.tangent[-1] > 0), good)
+        good &= same | ~search.borrowed
+        stepped = _after_step(search, new, good, goal)
+        folding = _after_fold_trial(search, new, good, goal, accuracy.flat)
         reached = _after_goal_trial(search, new, good)
-        chosen = jax.tree.map(
-            lambda a, b, c: jnp.where(search.mode == STEPPING, a, jnp.where(to_goal, c, b)), stepped, folding, reached
-        )
-        return chosen._replace(count=search.count + 1)
+        chosen = _pick(search.mode == STEPPING, stepped, _pick(to_goal, reached, folding))
+        chosen = chosen._replace(count=search.count + 1, borrowed=jnp.asarray(False))
+        return _pick(search.borrowed & ~good, fresh, chosen)
 
-    start = Point(u, up)
-    # The first "step" has length zero: it finds the tangent at u.
-    no, mode, count = jnp.asarray(False), jnp.asarray(STEPPING), jnp.asarray(0)
-    first = Search(start, start, start, zero, zero, zero, zero, zero, zero, count, no, mode, count)
-    last = lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, first)
-    return End(last.found, jnp.where(last.mode < REACHED, ENDED, last.mode), last.count)
+    return lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, start)
 
 
 def _to_goal(search: Search, goal: Goal) -> Search:
@@ -198,10 +270,9 @@ def _to_goal(search: Search, goal: Goal) -> Search:
 
 def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -> Search:
     first = search.count == 0
-    # At the start the tangent was only guessed: it may turn as it likes, but must point to growing load.
-    good = jnp.where(first, jnp.all(jnp.isfinite(new.tangent)) & (new.tangent[-1] > 0), good)
     shorter, longer = 0.3 * search.length, jnp.minimum(2 * search.length, LARGEST_STEP)
-    ahead = search._replace(before=new, length=jnp.where(first, FIRST_STEP, longer))
+    bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
+    ahead = search._replace(before=new, bend=bend, length=jnp.where(first, search.length, longer))
     interval = search._replace(
         far=new,
         low=jnp.zeros_like(search.low),
@@ -215,17 +286,14 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
     at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
     again = search._replace(length=shorter, mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING))
 
-    def pick(condition, a, b):
-        return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
-
     past = goal(new.u) >= 0
-    result = pick(new.tangent[-1] <= 0, fold, pick(past, pick(first, at_once, aimed), ahead))
-    return pick(good, result, again)
+    result = _pick(new.tangent[-1] <= 0, fold, _pick(past, _pick(first, at_once, aimed), ahead))
+    return _pick(good, result, again)
 
 
 def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     reached = search._replace(found=new, mode=jnp.asarray(REACHED))
-    return jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, _step_again(search))
+    return _pick(good, reached, _step_again(search))
 
 
 def _step_again(search: Search) -> Search:
@@ -246,13 +314,13 @@ def _between(search: Search) -> Scalar:
     return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
 
 
-def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -> Search:
+def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: Goal, flat: Scalar | float) -> Search:
     rise = new.tangent[-1]
     rising = rise > 0
     side = jnp.where(rising, 1, -1)
     again = jnp.where(side == search.rose, 0.5, 1.0)
     inner = search._replace(
-        far=jax.tree.map(lambda a, b: jnp.where(rising, a, b), search.far, new),
+        far=_pick(rising, search.far, new),
         low=jnp.where(rising, search.length, search.low),
         high=jnp.where(rising, search.high, search.length),
         rise_low=jnp.where(rising, rise, again * search.rise_low),
@@ -260,13 +328,13 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: G
         rose=side,
     )
     inner = inner._replace(length=_between(inner))
-    done = jnp.abs(rise) < FLAT
+    done = jnp.abs(rise) < flat
     # A bracket that closes where the tangent jumps holds no limit point.
     lost = ~good | (~done & (inner.high - inner.low < 1e-12))
     at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
     over = goal(new.u) >= 0
     aimed, stopped = _to_goal(at_fold, goal), at_fold._replace(mode=jnp.asarray(FOLD))
-    finished = jax.tree.map(lambda a, b: jnp.where(over, a, b), aimed, stopped)
+    finished = _pick(over, aimed, stopped)
     back = _step_again(search)
     return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
 

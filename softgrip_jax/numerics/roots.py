@@ -84,13 +84,21 @@ def bracketed_root(
 
 
 def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
-    """matrix @ x = right; Cramer's rule for one and two unknowns, where a batched LU costs more than the model."""
+    """matrix @ x = right; Cramer's rule for up to three unknowns, where a batched LU costs more than the model."""
     n = right.shape[0]
     if n == 1:
         return right / matrix[0]
     if n == 2:
         (a, b), (c, d) = matrix
         return jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]]) / (a * d - b * c)
+    if n == 3:
+        (a, b, c), (d, e, f), (g, h, i) = matrix
+        p, q, r = right
+        ei, fg, dh = e * i - f * h, f * g - d * i, d * h - e * g
+        x = p * ei + q * (c * h - b * i) + r * (b * f - c * e)
+        y = p * fg + q * (a * i - c * g) + r * (c * d - a * f)
+        z = p * dh + q * (b * g - a * h) + r * (a * e - b * d)
+        return jnp.stack([x, y, z]) / (a * ei + b * fg + c * dh)
     return jnp.linalg.solve(matrix, right)
 
 

@@ -15,10 +15,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 Field = Callable[[Float[Array, ""], Any, Any], Any]
 """field(s, y, args) -> dy/ds, with y and the result the same pytree."""
+
+Steps = int | Int[Array, ""]
 
 SOLVER = diffrax.Dopri8()
 """Order 8 in 12 stages."""
@@ -57,17 +59,22 @@ def fixed_steps(
     args: Any,
     start: Float[Array, ""],
     stop: Float[Array, ""],
-    steps: int,
+    steps: Steps,
     solver: diffrax.AbstractERK = SOLVER,
 ) -> tuple[Any, Any]:
-    """(y at `stop`, y after every step) by `steps` equal steps of an explicit Runge-Kutta solver."""
+    """(y at `stop`, y after every step) by `steps` equal steps of an explicit Runge-Kutta solver.
+
+    A number of steps that is an array is a loop of unknown length: forward mode only, and None for the steps' y.
+    """
     width = (stop - start) / steps
 
     def advance(y, k):
         y = runge_kutta_step(field, y, args, start + k * width, width, solver)
         return y, y
 
-    return lax.scan(advance, y, jnp.arange(steps, dtype=jnp.result_type(width)))
+    if isinstance(steps, int):
+        return lax.scan(advance, y, jnp.arange(steps, dtype=jnp.result_type(width)))
+    return lax.fori_loop(0, steps, lambda k, y: advance(y, k)[0], y), None
 
 
 def adaptive(

@@ -19,19 +19,25 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.shooting import adaptive, fixed_steps
+from ..numerics.shooting import Steps, adaptive, fixed_steps
 from .section import SectionLaw
 
 Scalar = Float[Array, ""]
 
 
 class State(NamedTuple):
-    """The beam at one place: angle, external moment, position."""
+    """The beam at one place: angle, external moment, position, and the section's own state.
+
+    The section's state is carried along, by the law's rates, instead of being solved for at every place.
+    """
 
     theta: Scalar
     moment: Scalar
     x: Scalar
     y: Scalar
+    z: Scalar
+    """H theta'."""
+    stretch: Scalar
 
 
 class Loads(NamedTuple):
@@ -49,29 +55,33 @@ class Cover(NamedTuple):
     slenderness: Scalar
     """H / L."""
     law: SectionLaw
-    """(m, n) -> (H theta', lambda)."""
     loads: Loads
 
 
-def section_state(cover: Cover, s: Scalar, state: State, active: Scalar) -> tuple[Scalar, Scalar, Scalar, Scalar]:
-    """(H theta', lambda, P, Q) at s."""
+def forces(cover: Cover, s: Scalar) -> tuple[Scalar, Scalar]:
+    """(P, Q) at s."""
     loads, rest = cover.loads, 1 - s
-    p, q = loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
+    return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
+
+
+def entered(cover: Cover, s: Scalar, state: State, active: Scalar) -> State:
+    """The state at s with the section's state under M and N: where a part begins, its active moment jumps."""
+    p, q = forces(cover, s)
     z, stretch = cover.law(state.moment + active, p * jnp.cos(state.theta) + q * jnp.sin(state.theta))
-    return z, stretch, p, q
+    return state._replace(z=z, stretch=stretch)
 
 
 def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
     """d(state)/ds."""
     cover, active = args
     sine, cosine = jnp.sin(state.theta), jnp.cos(state.theta)
-    z, stretch, p, q = section_state(cover, s, state, active)
-    return State(
-        z / cover.slenderness,
-        stretch * (p * sine - q * cosine) / cover.slenderness,
-        stretch * cosine,
-        stretch * sine,
-    )
+    p, q = forces(cover, s)
+    turn = state.z / cover.slenderness
+    across = p * sine - q * cosine
+    dm = state.stretch * across / cover.slenderness
+    dn = -across * turn - cover.loads.g_x * cosine - cover.loads.g_y * sine
+    dz, dstretch = cover.law.rates(state.moment + active, state.z, state.stretch, dm, dn)
+    return State(turn, dm, state.stretch * cosine, state.stretch * sine, dz, dstretch)
 
 
 class Part(NamedTuple):
@@ -85,10 +95,12 @@ class Part(NamedTuple):
 class Shot(NamedTuple):
     """A beam integrated part by part."""
 
+    starts: State
+    """States where every part begins, shape (parts,)."""
     ends: State
     """States at the end of every part, shape (parts,)."""
-    states: State
-    """States after every step, shape (parts, steps)."""
+    states: State | None
+    """States after every step, shape (parts, steps); None where the number of steps is not known beforehand."""
     active: Float[Array, " parts"]
     """The active moment of every part."""
 
@@ -97,12 +109,13 @@ ActiveMoment = Callable[[Cover, State, Part], Scalar]
 """The signed active moment of a part that begins in a state; it may depend on how far the part will turn."""
 
 
-def run_part(cover: Cover, state: State, part: Part, active: Scalar, steps: int) -> tuple[State, State]:
-    """(state at the end of a part, states after every step) under a constant active moment."""
-    return fixed_steps(slopes, state, (cover, active), part.low, part.high, steps)
+def run_part(cover: Cover, state: State, part: Part, active: Scalar, steps: Steps) -> tuple[State, State, State | None]:
+    """(state at the beginning, at the end, and after every step of a part) under a constant active moment."""
+    start = entered(cover, part.low, state, active)
+    return start, *fixed_steps(slopes, start, (cover, active), part.low, part.high, steps)
 
 
-def shoot(cover: Cover, start: State, parts: Part, active: ActiveMoment, steps: int, restarts: State | None) -> Shot:
+def shoot(cover: Cover, start: State, parts: Part, active: ActiveMoment, steps: Steps, restarts: State | None) -> Shot:
     """Integrate all parts (leaves of `parts` have a leading axis) from the state at s = 0.
 
     restarts: states at the beginning of every part but the first, for multiple shooting: the parts then do not depend
@@ -111,8 +124,8 @@ def shoot(cover: Cover, start: State, parts: Part, active: ActiveMoment, steps: 
 
     def integrate(state: State, part: Part):
         moment = active(cover, state, part)
-        end, states = run_part(cover, state, part, moment, steps)
-        return end, Shot(end, states, moment)
+        begin, end, states = run_part(cover, state, part, moment, steps)
+        return end, Shot(begin, end, states, moment)
 
     if restarts is None:
         return lax.scan(integrate, start, parts)[1]
@@ -122,4 +135,5 @@ def shoot(cover: Cover, start: State, parts: Part, active: ActiveMoment, steps: 
 
 def reference_shot(cover: Cover, start: State, part: Part, active: Scalar, tolerance: float) -> State:
     """The end of one part by adaptive steps: what the fixed steps are measured against."""
-    return adaptive(slopes, start, (cover, active), part.low, part.high, tolerance)
+    begin = entered(cover, part.low, start, active)
+    return adaptive(slopes, begin, (cover, active), part.low, part.high, tolerance)

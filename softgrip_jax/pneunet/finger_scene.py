@@ -18,25 +18,27 @@ from jaxtyping import Array, Float
 
 from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
+from ..numerics.paths import Fine
 from ..numerics.roots import bracketed_root, implicit
 from ..path_scene import PathScene, Span
-from .beam import Cover, Loads, Part, Shot, State, run_part, section_state, shoot, slopes
+from .beam import Cover, Loads, Part, Shot, State, Steps, run_part, shoot, slopes
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
 
 Scalar = Float[Array, ""]
 
-STEPS = 16
-"""Dopri8 steps along a uniform finger: 1e-9 in the tip force up to the fold (tests/test_beam.py)."""
+STEPS = 12
+"""Dopri8 steps along a finger: 1e-10 of the tip force at half the fold's moment, 3e-9 at the fold, 1e-7 in tests of
+random fingers under weights and pulls; 4 steps: 1e-7, 5e-6; 8 steps: 1e-9, 6e-8."""
+ROUGH_STEPS = 1
+"""In each part. One step knows the tip force to 1e-4 at half the moment of the fold, to 3 % there: it finds the way."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 LARGEST_GROWTH = 4.0
 """Single shooting up to e^4 = 55: rounding then stays near 1e-14 at the tip."""
 RESTARTS = 8
 """Parts of multiple shooting: under 1 N, L = 300 mm a perturbation grows by e^28 along the beam, e^3.5 in a part."""
-STEPS_PER_PART = 8
-"""Steps in each of them: the boundary layers of that finger are 1/28 of its length, 1e-9 with 64 steps in all."""
 
 
 def to_weight(value: Any) -> Any:
@@ -88,6 +90,11 @@ class FingerScene(PathScene):
         section: str
         inclination: str
         shooting: str
+        steps: int
+
+    def has_rough_way(self):
+        # Inclinations that couple are found part by part, with steps of their own.
+        return self.inclination == "none" and self.chambers()[1] > ROUGH_STEPS
 
     def prepared(self):
         """Multiple shooting where a perturbation would grow too much along the beam (needs known numbers)."""
@@ -95,8 +102,9 @@ class FingerScene(PathScene):
         if self.shooting != "auto" or not is_concrete(*known):
             return self
         finger = self.finger
-        stiffness = finger.moment_scale() * finger.H / 3
-        growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / stiffness))))
+        with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
+            stiffness = finger.moment_scale() * finger.H / 3
+            growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / stiffness))))
         return dataclasses.replace(self, shooting="multiple" if growth > LARGEST_GROWTH else "single")
 
     def largest_force(self) -> Scalar:
@@ -107,28 +115,33 @@ class FingerScene(PathScene):
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar) -> Bent:
+    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar, fine: Fine) -> Bent:
         """The beam from its unknowns.
 
         unknowns: M(0) in units of EI/L, then, for multiple shooting, (theta, M) where each further part begins.
         """
         parts, steps = self.chambers()
+        if fine is not True:
+            steps = jnp.where(fine, steps, ROUGH_STEPS)
         cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
         zero = jnp.zeros_like(unknowns[0])
         unit = cover.slenderness / 3
-        start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero)
+        start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero, zero, zero)
         active, pushed = self.active_moment(parts, pressure, steps)
         if unknowns.shape[0] == 1:
             return Bent(cover, parts, start, shoot(cover, start, pushed, active, steps, None), unknowns[1:])
         theta, moment = unknowns[1:].reshape(2, -1)
         zeros = jnp.zeros_like(theta)
-        shot = shoot(cover, start, pushed, active, steps, State(theta, moment * unit, zeros, zeros))
+        shot = shoot(cover, start, pushed, active, steps, State(theta, moment * unit, zeros, zeros, zeros, zeros))
         gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
         # Nothing depends on x and y along the way: parts that began at the origin are moved to where the last ended.
         x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
-        shift = [jnp.concatenate([jnp.zeros(1), v[:-1]])[:, None] for v in (x, y)]
-        states = shot.states._replace(x=shot.states.x + shift[0], y=shot.states.y + shift[1])
-        return Bent(cover, parts, start, Shot(shot.ends._replace(x=x, y=y), states, shot.active), gaps)
+        before_x, before_y = (jnp.concatenate([jnp.zeros(1), v[:-1]]) for v in (x, y))
+        starts = shot.starts._replace(x=before_x, y=before_y)
+        states = shot.states
+        if states is not None:
+            states = states._replace(x=states.x + before_x[:, None], y=states.y + before_y[:, None])
+        return Bent(cover, parts, start, Shot(starts, shot.ends._replace(x=x, y=y), states, shot.active), gaps)
 
     def clamp(self) -> Scalar:
         """theta(0), rad."""
@@ -154,9 +167,10 @@ class FingerScene(PathScene):
         """The parts of the beam and the steps in each: one part where all chambers push alike."""
         finger = self.finger
         count = finger.segments or (1 if self.inclination == "none" else INCLINATION_PARTS)
-        steps = STEPS if count == 1 else max(1, -(-STEPS // count))
+        steps = max(1, -(-self.steps // count))
         if self.shooting == "multiple":
-            steps = max(steps, STEPS_PER_PART)
+            # The boundary layers of the finger above are 1/28 of its length: all steps in every part.
+            steps = self.steps
             count = RESTARTS if count == 1 else count
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]
@@ -175,7 +189,7 @@ class FingerScene(PathScene):
         finger = self.with_chamber(chamber)
         return end_moment(finger, pressure, inclination) / finger.moment_scale()
 
-    def active_moment(self, parts: Part, pressure: Scalar, steps: int):
+    def active_moment(self, parts: Part, pressure: Scalar, steps: Steps):
         """(the signed active moment of a part, the parts with what it needs); inclinations are solved for if coupled.
 
         Moments that do not depend on the beam are found before its integration: once, and outside of its loops.
@@ -187,7 +201,7 @@ class FingerScene(PathScene):
         def mismatch(inclination, args):
             scene, pressure, cover, state, part = args
             moment = -scene.push(part.chamber, pressure, inclination)
-            turned = run_part(cover, state, part, moment, steps)[0].theta - state.theta
+            turned = run_part(cover, state, part, moment, steps)[1].theta - state.theta
             return inclination + part.chamber.share * turned
 
         def coupled(cover, state, part):
@@ -208,7 +222,9 @@ class FingerScene(PathScene):
 
         def of(fields):
             wall = Chamber(dataclasses.replace(finger, **fields), jnp.zeros_like(finger.L))
-            scale = wall.pressure_scale()
+            one = wall.finger
+            # On a whole wall this pressure bends the cover by about one radian.
+            scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
             touch = wall.load(jnp.maximum(2 * jnp.arctan(wall.finger.h_x / wall.finger.a), LEAST_ANGLE))
             if isinstance(finger.material, NeoHookean):
@@ -237,9 +253,9 @@ class FingerScene(PathScene):
 
     def beam_profile(self, bent: Bent, n: int) -> dict[str, Array]:
         """X, x, y (m), theta (rad) and stretch at n points, by cubic Hermite interpolation between the steps."""
+        assert bent.shot.states is not None  # a number of steps that is known
         count, steps = bent.shot.states.theta.shape
-        starts = jax.tree.map(lambda first, ends: jnp.concatenate([first[None], ends[:-1]]), bent.start, bent.shot.ends)
-        nodes = jax.tree.map(lambda s, v: jnp.concatenate([s[:, None], v], axis=1), starts, bent.shot.states)
+        nodes = jax.tree.map(lambda s, v: jnp.concatenate([s[:, None], v], axis=1), bent.shot.starts, bent.shot.states)
         places = bent.parts.low[:, None] + (bent.parts.high - bent.parts.low)[:, None] * jnp.linspace(0, 1, steps + 1)
         at_nodes = jax.vmap(jax.vmap(lambda s, state, active: slopes(s, state, (bent.cover, active)), (0, 0, None)))
         rates = at_nodes(places, nodes, bent.shot.active)
@@ -249,18 +265,22 @@ class FingerScene(PathScene):
             local = (s - bent.parts.low[part]) / (bent.parts.high[part] - bent.parts.low[part]) * steps
             k = jnp.clip(jnp.floor(local).astype(int), 0, steps - 1)
             width = (bent.parts.high[part] - bent.parts.low[part]) / steps
-            state = jax.tree.map(
+            return jax.tree.map(
                 lambda v, r: _cubic(v[part, k], v[part, k + 1], r[part, k] * width, r[part, k + 1] * width, local - k),
                 nodes,
                 rates,
             )
-            stretch = section_state(bent.cover, s, state, bent.shot.active[part])[1]
-            return state, stretch
 
         s = jnp.linspace(0.0, 1.0, n)
-        state, stretch = jax.vmap(at)(s)
+        state = jax.vmap(at)(s)
         length = self.finger.L
-        return {"X": s * length, "x": state.x * length, "y": state.y * length, "theta": state.theta, "stretch": stretch}
+        return {
+            "X": s * length,
+            "x": state.x * length,
+            "y": state.y * length,
+            "theta": state.theta,
+            "stretch": state.stretch,
+        }
 
 
 def _cubic(y0: Scalar, y1: Scalar, d0: Scalar, d1: Scalar, t: Scalar) -> Scalar:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checked import Checked, choice, finite, is_concrete, part, positive, vector
+from ..checked import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit
 from ..objects import Object, friction_force, required_normal_force
@@ -18,7 +18,7 @@ from ..results import Status, gate
 from ..scene import frozen, solve
 from ..units import GRAVITY
 from .finger import PneuNet
-from .finger_scene import Scalar, to_weight
+from .finger_scene import STEPS, Scalar, to_weight
 from .scenes import INCLINATIONS, SECTIONS, SHOOTING, HeldTip
 
 
@@ -60,7 +60,7 @@ class Grasp(HeldTip):
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
         weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
-        section, inclination, shooting: as in TipContact.
+        section, inclination, shooting, steps: as in TipContact.
 
     required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
     mu_f(F) F over that load: 1 is just held.
@@ -74,6 +74,7 @@ class Grasp(HeldTip):
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     shooting: str = choice(*SHOOTING, default="auto")
+    steps: int = count(default=STEPS)
 
     OBSERVABLES: ClassVar = {
         "tip_force": "force",
@@ -115,8 +116,8 @@ class Grasp(HeldTip):
             raise ValueError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def observe(self, unknowns, pressure):
-        observed = super().observe(unknowns, pressure)
+    def observe(self, unknowns, pressure, fine=True):
+        observed = super().observe(unknowns, pressure, fine)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])
@@ -147,9 +148,9 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
 
     empty = fixed.with_mass(jnp.zeros_like(unit)).find(p)
     end = follow(
-        lambda u: fixed.with_mass(u[-1] * unit).residual(u[:-1], p),
+        lambda u, _: fixed.with_mass(u[-1] * unit).residual(u[:-1], p),
         jnp.append(empty.unknowns, 0.0),
-        lambda u: slack(fixed, u[-1] * unit, u[:-1]),
+        lambda u, _: slack(fixed, u[-1] * unit, u[:-1]),
     )
     ok = (empty.status == Status.OK) & (end.reason == REACHED)
     scene, pressure = gate(ok, (grasp, pressure))

@@ -37,6 +37,10 @@ class SectionLaw(eqx.Module):
     def loads(self, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar]:
         """(m, n) that hold the curvature z and the stretch."""
 
+    @abc.abstractmethod
+    def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
+        """(dz, dlambda) that follow changes of the loads at a state (z, lambda) under the moment m; no solve."""
+
 
 class Inextensible(SectionLaw):
     """lambda = 1, M = mu B H^3 theta'/3 (Euler-Bernoulli, plane strain): m = z/3. It knows no axial force."""
@@ -47,6 +51,9 @@ class Inextensible(SectionLaw):
     def loads(self, z, stretch):
         """(z/3, NaN): an inextensible line carries any axial force."""
         return z / 3, jnp.full_like(z, jnp.nan)
+
+    def rates(self, m, z, stretch, dm, dn):
+        return 3 * dm + 0 * dn, jnp.zeros_like(dm + dn)
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w = z^2 / 6."""
@@ -64,13 +71,23 @@ SERIES_TERMS = 20
 def bending_factor(w: Scalar, rest: Scalar) -> Scalar:
     """k(w) = (1/(1-w) - atanh(u)/u) / (2 w), w = u^2: 1/3 + 2w/5 + 3w^2/7 + ...; rest = 1 - w, given apart."""
     small = w < SERIES_BELOW
-    series = jnp.zeros_like(w)
-    for j in reversed(range(SERIES_TERMS)):
-        series = series * jnp.where(small, w, 0.0) + (j + 1) / (2 * j + 3)
+    series = _series(jnp.where(small, w, 0.0), SERIES_TERMS)
     w_safe, rest_safe = jnp.where(small, 0.5, w), jnp.where(small, 0.5, rest)
     u = jnp.sqrt(w_safe)
     atanh_over_u = 0.5 * jnp.log((1 + u) ** 2 / rest_safe) / u
     return jnp.where(small, series, (1 / rest_safe - atanh_over_u) / (2 * w_safe))
+
+
+def _series(w: Scalar, terms: int) -> Scalar:
+    """k(w) = 1/3 + 2w/5 + 3w^2/7 + ..."""
+    total = jnp.zeros_like(w)
+    for j in reversed(range(terms)):
+        total = total * w + (j + 1) / (2 * j + 3)
+    return total
+
+
+NEAR_STRAIGHT, NEAR_STRAIGHT_TERMS = 0.04, 10
+"""Below this w the rates use the series too (good to 1e-14); above, an error of m counts at most 1/u = 5 times in k."""
 
 
 class ExactNeoHookean(SectionLaw):
@@ -89,6 +106,25 @@ class ExactNeoHookean(SectionLaw):
         square = stretch**4 - z * z
         w = z * z / stretch**4
         return z * bending_factor(w, square / stretch**4) / stretch**6, stretch - stretch / square
+
+    def rates(self, m, z, stretch, dm, dn):
+        """By the inverse of the Hessian of w, whose m_z = ((1 - u^2)^-2 - 2 k) / lambda^6; NaN where a fibre vanishes.
+
+        The moment is known, so k = m lambda^2 z / w needs no logarithm; towards w = 0 its series takes over, smoothly.
+        """
+        l2 = stretch * stretch
+        l4 = l2 * l2
+        z2 = z * z
+        w = z2 / l4
+        series = _series(w, NEAR_STRAIGHT_TERMS)
+        weight = NEAR_STRAIGHT * jnp.maximum(1 - w / NEAR_STRAIGHT, 0.0) ** 3
+        k = (m * l2 * z + weight * series) / (w + weight)
+        inverse = 1 / jnp.where(z2 < l4, l4 - z2, jnp.nan)
+        m_z = ((l4 * inverse) ** 2 - 2 * k) / (l4 * l2)
+        n_z = -2 * stretch * z * inverse**2
+        n_l = 1 + (3 * l4 + z2) * inverse**2
+        scale = 1 / (m_z * n_l - n_z * n_z)
+        return (n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w, zero at rest: (lambda^2 + atanh(u)/(u lambda^2) - 2) / 2."""
@@ -111,17 +147,9 @@ def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
 
 @_exact_state.defjvp
 def _exact_state_jvp(primals, tangents):
-    """dz, dlambda by the inverse of the Hessian of w, in closed form (differentiable again)."""
+    """dz, dlambda by the law's rates (differentiable again)."""
     z, stretch = _exact_state(*primals)
-    l2 = stretch * stretch
-    l4 = l2 * l2
-    square = l4 - z * z
-    m_z = ((l4 / square) ** 2 - 2 * bending_factor(z * z / l4, square / l4)) / (l4 * l2)
-    n_z = -2 * stretch * z / square**2
-    n_l = 1 + (3 * l4 + z * z) / square**2
-    dm, dn = tangents
-    scale = 1 / (m_z * n_l - n_z * n_z)
-    return (z, stretch), ((n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale)
+    return (z, stretch), ExactNeoHookean().rates(primals[0], z, stretch, *tangents)
 
 
 LARGEST_MOMENT = 0.5
@@ -141,13 +169,16 @@ def _exact_stretch(m, n):
     R = u k(u^2) / s (Rivlin's pure bending, from 0 to 1/2), eta = m lambda / (lambda - n). Newton works on
     R^2 / (1 - 4 R^2) = eta^2 / (1 - 4 eta^2), nearly linear in s: squares are regular at m = 0.
     """
-    stretch = _start(m, n)
-    move = jnp.zeros_like(stretch)
-    for _ in range(NEWTON_STEPS):
+
+    def closer(_, state):
+        stretch, _ = state
         r2, r2_slope, eta2, eta2_slope = _squares(stretch, m, n)
         left_r, left_eta = 1 - 4 * r2, 1 - 4 * eta2
         move = -(r2 - eta2) * left_r * left_eta / (r2_slope * left_eta**2 - eta2_slope * left_r**2)
-        stretch += move
+        return stretch + move, move
+
+    start = _start(m, n)
+    stretch, move = lax.fori_loop(0, NEWTON_STEPS, closer, (start, jnp.zeros_like(start)))
     # Written so that NaN counts as failure.
     done = (jnp.abs(move) <= CONVERGED * stretch) & (stretch > n)
 
@@ -225,6 +256,12 @@ class Thesis(SectionLaw):
         stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n), in_scan=True)
         return 3 * m * stretch**7, stretch
 
+    def rates(self, m, z, stretch, dm, dn):
+        """From f(lambda) = n and z = 3 m lambda^7; NaN behind the maximum of f."""
+        slope = 1 + 3 * stretch**-4 - 45 * m * m * stretch**4
+        dstretch = (dn + 18 * m * stretch**5 * dm) / jnp.where(slope > 0, slope, jnp.nan)
+        return 3 * stretch**7 * dm + 21 * m * stretch**6 * dstretch, dstretch
+
     def loads(self, z, stretch):
         bent = z / stretch
         return bent / (3 * stretch**6), stretch - stretch**-3 - bent**2 / stretch**7
@@ -286,6 +323,13 @@ class ExactQuadrature(SectionLaw):
 
     def loads(self, z, stretch):
         return jax.grad(self.energy, argnums=(0, 1))(z, stretch)
+
+    def rates(self, m, z, stretch, dm, dn):
+        held = self.holds(z, stretch)
+        z, stretch = jnp.where(held, z, 0.0), jnp.where(held, stretch, 1.0)
+        stiffness = jnp.stack([jnp.stack(row) for row in jax.hessian(self.energy, argnums=(0, 1))(z, stretch)])
+        change = solve_small(stiffness, jnp.stack([dm, dn]))
+        return jnp.where(held, change[0], jnp.nan), jnp.where(held, change[1], jnp.nan)
 
     def holds(self, z: Scalar, stretch: Scalar) -> Bool[Array, ""]:
         """True where both outer fibres exist and the material can follow them (beyond a lock, stresses lie)."""

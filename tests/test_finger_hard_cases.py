@@ -1,0 +1,115 @@
+"""Where fingers are hard to solve: random batches, lanes without an answer, first contact, no gap, soft and heavy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import reference_beam as ref
+from fingers import TYPE_A, contact, free, pneunet, solved, stacked
+
+import softgrip_jax as sg
+from softgrip_jax.units import gram, kPa, mm
+
+OK = int(sg.Status.OK)
+BEYOND = int(sg.Status.BEYOND_LIMIT)
+LANES = 512
+
+
+def random_contacts(rng):
+    """Fingers of every build, offsets of a quarter of their length, weights and pulls that may be too much."""
+    cases = []
+    for _ in range(LANES):
+        f = {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in TYPE_A.items()}
+        stiffness = f["mu"] * f["B"] * f["H"] ** 3 / 3
+        size, angle = rng.uniform(0, 4) * stiffness / f["L"] ** 3, rng.uniform(0, 2 * np.pi)
+        pull = rng.uniform(-4, 6) * stiffness / f["L"] ** 2
+        offset = rng.uniform(-0.25, 0.25) * f["L"]
+        cases.append(contact(f, "exact", offset, pull, (size * np.cos(angle), size * np.sin(angle))))
+    return stacked(cases)
+
+
+def test_random_fingers_are_solved_up_to_their_limits_and_not_beyond():
+    """The limit is found by following each path to its fold, a state by following it to a pressure: they must agree."""
+    rng = np.random.default_rng(11)
+    scenes = random_contacts(rng)
+    limits = np.asarray(jax.jit(lambda s: jax.lax.map(sg.limit_pressure, s, batch_size=64))(scenes))
+    exists = np.isfinite(limits)
+    assert np.mean(exists) > 0.85  # a few cannot carry what pulls at them at all
+    share = np.where(rng.uniform(size=LANES) < 0.2, rng.choice([0.9999, 1.0001], LANES), rng.uniform(0, 1.3, LANES))
+    # Two lanes that mean nothing, next to the others.
+    share[5], limits[5] = 1.0, np.nan
+    pressures = np.where(np.isfinite(limits), share * limits, 20 * kPa)
+    pressures[6] = np.inf
+    found = jax.jit(lambda *lanes: jax.lax.map(lambda lane: sg.solve(*lane), lanes, batch_size=64))(
+        scenes, jnp.asarray(pressures)
+    )
+    status, known = np.asarray(found.status), np.isfinite(limits) & np.isfinite(pressures)
+    np.testing.assert_array_equal(status[known], np.where(share[known] < 1, OK, BEYOND))
+    assert status[6] not in (OK, BEYOND)
+    assert np.max(np.asarray(found.residual)[status == OK]) <= 1e-12
+    assert np.all(np.isnan(np.asarray(found.tip_force)[status != OK]))
+    # Lanes without an answer leave their neighbours as they are alone.
+    for lane in np.flatnonzero(status == OK)[:4]:
+        alone = sg.solve(jax.tree.map(lambda leaf, k=lane: leaf[k], scenes), pressures[lane])
+        np.testing.assert_allclose(np.asarray(found.tip_force)[lane], alone.tip_force, rtol=1e-9)
+
+
+def test_first_contact_begins_smoothly():
+    """c -> 0: the end moment rises from zero with the square of the pressure beyond first contact, and so does all."""
+    begin = float(sg.contact_pressure(contact(TYPE_A, "exact"))) / 1e6
+    excess = np.array([0.0, 1e-9, 1e-6, 1e-4, 1e-2])
+    found = solved([contact(TYPE_A, "exact")] * 5, begin * (1 + excess))
+    np.testing.assert_array_equal(found["status"], OK)
+    moments = [ref.end_moment(TYPE_A, p) for p in begin * (1 + excess)]
+    assert abs(found["tip_force"][0]) < 1e-20
+    np.testing.assert_allclose(found["end_moment"][2:], moments[2:], rtol=1e-6)
+    # A cantilever under a small end moment presses with 3 M / (2 L).
+    np.testing.assert_allclose(found["tip_force"][2:4], 1.5 * found["end_moment"][2:4] / 77, rtol=1e-4)
+
+
+def test_a_gap_that_closes_takes_the_moment_with_it():
+    """h_x -> 0: M_T goes with sqrt(h_x), (4.39); derivatives stay finite down to it and are zero there."""
+    gaps = np.array([0.0, 1e-12, 1e-6, 1e-3])
+    fingers = [contact(TYPE_A | {"h_x": gap}, "exact") for gap in gaps]
+    found = solved(fingers, [0.02] * 4)
+    np.testing.assert_array_equal(found["status"], OK)
+    assert abs(found["tip_force"][0]) < 1e-20
+    expected = [ref.end_moment(TYPE_A | {"h_x": gap}, 0.02) for gap in gaps[2:]]
+    np.testing.assert_allclose(found["end_moment"][2:], expected, rtol=1e-6)
+    np.testing.assert_allclose(found["tip_force"][1] / found["tip_force"][2], 1e-3, rtol=1e-3)
+
+
+def test_soft_and_heavy_finger_hangs_past_vertical():
+    """mu 12 kPa under 6 N/m, w L^3 / EI = 270: weight alone turns the tip down, too hard for single shooting."""
+    f = TYPE_A | {"mu": 0.012}
+    cases = [((0.0, -6e-3), 0.0, 0.0), ((0.0, -6e-3), 1.2, 1e-3), ((0.0, -6e-3), 0.0, 2e-3)]
+    scenes = [
+        free(f, "exact", weight, clamp=clamp, inclination="none", shooting="multiple") for weight, clamp, _ in cases
+    ]
+    found = solved(scenes, [p for *_, p in cases])
+    np.testing.assert_array_equal(found["status"], OK)
+    for i, (weight, clamp, p) in enumerate(cases):
+        end = ref.cantilever(f, "exact", [(f["L"], ref.end_moment(f, p))], weight, clamp=clamp)[-1]
+        np.testing.assert_allclose(found["tip"][i], end[2:], rtol=0, atol=1e-7 * f["L"])
+        np.testing.assert_allclose(found["tip_angle"][i], clamp - end[0], rtol=1e-7)
+    assert found["tip_angle"][0] > np.pi / 3
+    assert found["tip_angle"][1] > np.pi / 2
+
+
+def test_grasps_without_an_answer_leave_their_neighbours_alone():
+    held = [(18.0, 26.0, 0.96), (18.0, 5000.0, 0.96), (18.0, 26.0, 1e-4), (90.0, 26.0, 0.96), (18.5, 30.0, 0.8)]
+
+    def grasp(radius, mass, friction):
+        gripper = sg.pneunet.Gripper(pneunet(TYPE_A), n=3, base_radius=19.61 * mm)
+        thing = sg.objects.Cylinder(radius=radius * mm, mass=mass * gram, friction=friction)
+        return sg.pneunet.Grasp(gripper, thing, shooting="single")
+
+    answer = jax.jit(jax.vmap(sg.pressure_for))
+    batch = answer(stacked([grasp(*h) for h in held]))
+    healthy = answer(stacked([grasp(*held[i]) for i in (0, 4, 0, 4, 0)]))
+    status, pressure = np.asarray(batch.status), np.asarray(batch.pressure)
+    np.testing.assert_array_equal(status == OK, [True, False, False, False, True])
+    np.testing.assert_allclose(pressure[[0, 4]], np.asarray(healthy.pressure)[:2], rtol=1e-9)
+    np.testing.assert_allclose(np.asarray(batch.security)[[0, 4]], 1, rtol=1e-9)
+    # The tips already press on the widest one without pressure: no pressure makes them press less.
+    assert status[3] == int(sg.Status.NO_CONTACT)
+    assert np.all(np.isnan(np.asarray(batch.tip_force)[[1, 2]]))
