@@ -1,3 +1,4 @@
+from . import fidelity as fidelity
 from . import materials as materials
 from . import objects as objects
 from . import pneunet as pneunet

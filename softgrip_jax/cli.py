@@ -60,20 +60,34 @@ def solve(
     scene: Annotated[str | None, typer.Option(help="Which of several scenes, by its name in the config.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON in SI units and nothing else.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Write a picture of the scene to this file.")] = None,
+    tolerance: Annotated[
+        str | None, typer.Option(help="Leave out what changes --observable by less than this, for instance 1%.")
+    ] = None,
+    observable: Annotated[
+        str | None, typer.Option(help="With --tolerance: whose error counts; by default the first of the scene.")
+    ] = None,
 ) -> None:
     """Solve one scene and report its state.
 
     [solve] in the config gives the pressure (pressure_kPa) or one observable that the pressure shall reach (force_N);
     a grasp with a mass needs neither. Exit code 1 where there is no answer.
 
+    With --tolerance the cheapest model and numerics are chosen that answer within it, and what they leave out is told.
+    Every one that is tried is compiled, so that takes longer than to solve once.
+
         softgrip solve configs/shell_cylinder.toml --plot cylinder.png
+        softgrip solve configs/finger_tip_contact.toml --tolerance 1%
     """
     from . import config as configs
+    from .fidelity import choose
     from .scene import pressure_for
     from .scene import solve as solve_scene
 
     if plot is not None:
         _check_picture(plot)
+    if observable is not None and tolerance is None:
+        raise ConfigError("--observable says whose error --tolerance is about; give --tolerance too.")
+    allowed = _share(tolerance) if tolerance is not None else None
     read = configs.load(config)
     if scene is not None:
         if scene not in read.scenes:
@@ -85,15 +99,23 @@ def solve(
         asked = configs.question(read)
     else:
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
+    choice = None
     with Console(stderr=True).status("solving"):
         try:
-            solution = (solve_scene if "pressure" in asked else pressure_for)(read.scene, **asked)
+            if allowed is not None:
+                choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
+                solution = choice.solution
+            else:
+                solution = (solve_scene if "pressure" in asked else pressure_for)(read.scene, **asked)
         except ValueError as error:  # what the scene itself cannot take as a question
             raise ConfigError(f"{config}, [solve]: {error}") from None
     if as_json:
-        typer.echo(json.dumps(as_data(solution), indent=2, allow_nan=False))
+        chosen = {"fidelity": choice.as_data()} if choice is not None else {}
+        typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
     else:
         report(solution, Console(), "pressure" in asked)
+        if choice is not None:
+            typer.echo(choice)
     if int(solution.status) != 0:
         if plot is not None:
             print("No picture: there is no state to draw.", file=sys.stderr)
@@ -161,6 +183,19 @@ def sensitivity(
     from .sensitivity import run_sensitivity
 
     run_sensitivity(config, out, Console())
+
+
+def _share(text: str) -> float:
+    """'1%' or '0.01' as a number."""
+    import math
+
+    try:
+        share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        share = math.nan
+    if not 0 < share < math.inf:
+        raise ConfigError(f"--tolerance is {text!r}; it must be a positive share, for instance 1% or 0.01.")
+    return share
 
 
 def as_data(solution: Solution) -> dict[str, Any]:

@@ -1,0 +1,327 @@
+"""The cheapest model and numerics that meet a wanted error: found by comparing rungs of a ladder of simplifications.
+
+A rung is the given scene with some physics left out and with cheaper numerics. The dearest rung leaves nothing out and
+has the finest numerics, so the errors of all rungs follow from comparing an observable v with its value there:
+
+    error = (|v - v_dearest| + own) / (|v_dearest| - own),    own = |v_dearest - v_second|
+
+`own` bounds the error of the dearest rung by what its last refinement changed: v_second has everything in, too.
+
+This is the error of leaving out and of computing, never the model's error against reality: the dearest rung is the
+given scene, solved well, and how far that is from finite elements stands in the README. Every rung is a program of its
+own, compiled once: choosing pays before a sweep, a search or a large batch, not before a single solve.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from . import pneunet, shell
+from .checked import require
+from .pneunet.finger_scene import FingerScene
+from .results import Solution, Status
+from .scene import RESIDUAL_EPS, Scene, pressure_for, solve
+from .shell.energy_scene import EnergyScene
+from .shell.flat_shell import ShellScene
+
+ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)
+"""No error is claimed to be smaller than what `solve` accepts as a residual."""
+FINEST_STEPS = 16
+"""Steps along a finger on the dearest rung, twice the default. Order 8: doubling leaves one part in 256 of the error,
+so what the last doubling changed is a generous bound of what is left."""
+BASES = ((2, 3), (3, 4), (4, 6))
+"""(across, along) polynomials of the energy membrane, the last its default; the dearest rung has one and two more."""
+
+# What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
+# 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of two or so.
+ARC_COST, COUPLED_ARC_COST = 0.6, 140.0
+PATH_COST, STEP_COST = 30.0, 3.0
+"""Following a path, and each step along the finger on top."""
+WEIGHT_COST = 1.6
+"""Loads are a path of their own, before the pressure."""
+SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
+COUPLING_COST = 20.0
+"""Inclinations that couple are roots inside the beam, part by part."""
+SHELL_COST = 2.0
+ENERGY_COST = 80.0
+"""Per product of polynomials."""
+
+
+class Rung(NamedTuple):
+    """A way to compute the observables of a scene."""
+
+    scene: Scene
+    left_out: tuple[str, ...]
+    """Physics of the given scene that this one does without, in words."""
+    numerics: str
+    """How finely it is solved, in words."""
+    cost: float
+    """Time per design in a batch, relative to an explicit finger."""
+
+
+class Trial(NamedTuple):
+    """A rung that was solved."""
+
+    rung: Rung
+    solution: Solution
+    error: float
+    """Estimated relative error of the observable; inf where there is nothing to compare."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Choice:
+    """The cheapest rung that meets the tolerance, and what it was compared with."""
+
+    scene: Scene
+    """What to solve from now on."""
+    solution: Solution
+    left_out: tuple[str, ...]
+    numerics: str
+    cost: float
+    error: float
+    """Estimated relative error of the observable; inf where the scene has no equilibrium: nothing can be compared."""
+    observable: str
+    tolerance: float
+    trials: tuple[Trial, ...]
+    """All that was solved, cheapest first. What is cheaper than the choice is not good enough; what is dearer, and was
+    not needed for comparison, is not here."""
+
+    @property
+    def met(self) -> bool:
+        """Whether the estimated error is within the tolerance; the dearest rung, too, may miss a very small one."""
+        return self.error <= self.tolerance
+
+    def as_data(self) -> dict[str, Any]:
+        """What was chosen and tried, as plain data; an error that is not known is None."""
+
+        def told(rung: Rung, error: float) -> dict[str, Any]:
+            known = error if np.isfinite(error) else None
+            return {"left_out": list(rung.left_out), "numerics": rung.numerics, "error": known, "cost": rung.cost}
+
+        trials = [told(trial.rung, trial.error) for trial in self.trials]
+        chosen = {"observable": self.observable, "tolerance": self.tolerance, "met": self.met}
+        return chosen | told(Rung(self.scene, self.left_out, self.numerics, self.cost), self.error) | {"tried": trials}
+
+    def __str__(self) -> str:
+        name = self.observable.replace("_", " ")
+        if not np.isfinite(self.error):
+            return f"nothing is left out: {name} has no value to compare ({Status(int(self.solution.status)).name})."
+        dearest = self.trials[-1].rung.cost
+        lines = [
+            f"left out for {_percent(self.tolerance)} of {name}: {_listed(self.left_out)} ({self.numerics})",
+            f"estimated error in {name}: {_percent(self.error)}" + ("" if self.met else ", the least of all rungs"),
+            "(of leaving out and of computing; how far models are from reality is another matter: see the README)",
+            "",
+            f"  {'error':>9} {'time':>7}  left out",
+        ]
+        for rung, _, error in self.trials:
+            chosen = rung.left_out == self.left_out and rung.numerics == self.numerics
+            mark, share, rest = "*" if chosen else " ", rung.cost / dearest, _listed(rung.left_out)
+            lines.append(f"{mark} {_percent(error):>9} {share:7.2g}  {rest} ({rung.numerics})")
+        return "\n".join(lines)
+
+
+def _listed(words: tuple[str, ...]) -> str:
+    return " and ".join(words) or "nothing"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %" if np.isfinite(share) else "-"
+
+
+def choose(
+    scene: Scene, pressure: Any = None, tolerance: float = 0.01, observable: str | None = None, **target: Any
+) -> Choice:
+    """The cheapest rung of a scene whose estimated error of an observable is within a tolerance.
+
+    Rungs are tried from the cheapest up, and the first that is good enough is taken. The dearest two are always solved,
+    since all are compared with them. Where no rung is good enough the dearest is returned, with its error.
+
+    Args:
+        scene: one scene of known numbers (not traced by jit or vmap).
+        pressure: gauge pressure, Pa; without it, a target as in `pressure_for` (none for a grasp, which has its own).
+        tolerance: largest relative error, for instance 0.01. For a point (x, y): distance over distance from (0, 0).
+        observable: whose error counts; by default the first in the scene's OBSERVABLES, or "pressure" for a target.
+
+    Raises: ValueError for an observable that the scene does not have, and for numbers that cannot be meant.
+    """
+    if not isinstance(scene, Scene):
+        raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+    if isinstance(pressure, Tracer) or np.ndim(pressure) > 0:
+        raise ValueError("choose compares numbers: it takes one known pressure, outside of jit and vmap.")
+    tolerance = float(require("tolerance", tolerance, "positive", "number"))
+    name = _observable(scene, observable, pressure is None)
+    ladder = rungs(scene, [*target, name])
+    last = len(ladder) - 1
+    second = max((k for k in range(last) if not ladder[k].left_out), default=last)
+    solved: dict[int, Solution] = {}
+
+    def value(k: int) -> np.ndarray:
+        if k not in solved:
+            rung = ladder[k].scene
+            solved[k] = pressure_for(rung, **target) if pressure is None else solve(rung, pressure)
+        return value_of(solved[k], name)
+
+    best, own = value(last), own_error(value(last), value(second))
+    status = int(solved[last].status)
+
+    def error(k: int) -> float:
+        found = error_of(value(k), best, own)
+        return float(found) if int(solved[k].status) == status else np.inf
+
+    chosen, coarser, hopeless = last, dict[tuple[str, ...], np.ndarray](), set[tuple[str, ...]]()
+    for k in range(last if status in (Status.OK, Status.NO_CONTACT) else 0):
+        left_out = ladder[k].left_out
+        if left_out in hopeless:
+            continue
+        if error(k) <= tolerance:
+            chosen = k
+            break
+        # More steps do not help where what the last refinement changed is small beside what is missing.
+        if left_out in coarser and np.isfinite(error(k)):
+            still = float(_size(value(k) - coarser[left_out]) / _size(best))
+            if error(k) - still > tolerance:
+                hopeless.add(left_out)
+        coarser[left_out] = value(k)
+    trials = tuple(Trial(ladder[k], solved[k], error(k)) for k in sorted(solved))
+    rung = ladder[chosen]
+    return Choice(
+        rung.scene, solved[chosen], rung.left_out, rung.numerics, rung.cost, error(chosen), name, tolerance, trials
+    )
+
+
+def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:
+    known = [*(["pressure"] if inverse else []), *scene.prepared().OBSERVABLES]
+    if wanted is None:
+        return known[0]
+    if wanted not in known:
+        raise ValueError(f"{type(scene).__name__} has no observable {wanted!r}; it has: {', '.join(known)}.")
+    return wanted
+
+
+# --- errors -----------------------------------------------------------------------------------------------------------
+
+
+def value_of(solution: Solution, name: str) -> np.ndarray:
+    """An observable, or the pressure, as an array whose last axis is a point's (x, y) or a number alone."""
+    value = np.asarray(solution.pressure if name == "pressure" else solution.observables[name])
+    return value if value.ndim > solution.status.ndim else value[..., None]
+
+
+def own_error(dearest: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """A bound of the error of the dearest rung, absolute."""
+    return _size(dearest - second) + ROUNDING * _size(dearest)
+
+
+def error_of(value: np.ndarray, dearest: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """The estimated relative error of a rung's value: a bound of |value - truth| / |truth| if `own` is one."""
+    gap, size = _size(value - dearest) + own, _size(dearest) - own
+    error = np.divide(gap, size, out=np.full_like(gap, np.inf), where=size > 0)
+    return np.where(np.isnan(error), np.inf, np.where(gap == 0, 0.0, error))
+
+
+def _size(value: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(value, axis=-1)
+
+
+# --- rungs ------------------------------------------------------------------------------------------------------------
+
+
+def rungs(scene: Scene, observables: list[str]) -> list[Rung]:
+    """The ladder of a scene, cheapest first, without rungs that lack one of the observables.
+
+    The last rung leaves nothing out and has the finest numerics.
+    """
+    kinds = {FingerScene: _finger, EnergyScene: _energy, ShellScene: _shell, pneunet.Chamber: _chamber}
+    make = next((make for kind, make in kinds.items() if isinstance(scene, kind)), _alone)
+    *cheaper, dearest = make(scene)
+    names = set(observables) - {"pressure"}
+    ordered = [*sorted(cheaper, key=lambda rung: rung.cost), dearest]
+    return [rung for rung in ordered if names <= _shared(rung.scene, scene)]
+
+
+def _shared(simpler: Scene, scene: Scene) -> set[str]:
+    """Observables that mean the same in both."""
+    known = set(simpler.prepared().OBSERVABLES)
+    # A linear finger reports the tip of the free finger beside the force of the blocked one.
+    return (
+        known - {"tip", "tip_angle"} if (type(simpler), type(scene)) == (pneunet.Linear, pneunet.TipContact) else known
+    )
+
+
+def _alone(scene: Scene) -> Iterator[Rung]:
+    yield Rung(scene, (), "as given", SHELL_COST)
+
+
+def _chamber(scene: pneunet.Chamber) -> Iterator[Rung]:
+    yield Rung(pneunet.SmallStrainChamber(scene.finger), ("large strains", "inclination of the walls"), "explicit", 1.0)
+    yield Rung(scene, (), "one angle", SHELL_COST)
+
+
+def _shell(scene: ShellScene) -> Iterator[Rung]:
+    if type(scene) is shell.Free:
+        yield Rung(shell.Plate(scene.shell), ("large strains",), "explicit", 1.0)
+    if scene.model == "arc":
+        yield Rung(scene, (), "one angle", SHELL_COST)
+        return
+    arc = dataclasses.replace(scene, model="arc")
+    yield Rung(arc, ("the membrane's own shape (arcs instead)",), "one angle", SHELL_COST)
+    yield from _energy(scene.energy_scene())
+
+
+def _energy(scene: Any) -> Iterator[Rung]:
+    given = (scene.across, scene.lengthwise)
+    finer = (scene.across + 1, scene.lengthwise + 2)
+    bases = [basis for basis in BASES if basis[0] < given[0] and basis[1] < given[1]] + [given, finer]
+    simpler = [(scene, ())]
+    if scene.bending:
+        simpler.insert(0, (dataclasses.replace(scene, bending=False), ("the wall's bending stiffness",)))
+    for one, left_out in simpler:
+        for across, along in bases:
+            sized = dataclasses.replace(one, across=across, lengthwise=along)
+            yield Rung(sized, left_out, f"{across} x {along} polynomials", ENERGY_COST * across * along)
+
+
+def _finger(scene: Any) -> Iterator[Rung]:
+    """Every subset of the simplifications with every number of steps."""
+    if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
+        yield Rung(pneunet.Linear(scene.finger), ("large deflections and strains", "all loads"), "explicit", 1.0)
+    simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
+    if scene.weight is not None:
+        # Free of loads, parts are arcs. Elsewhere zeros do: they share the program, and compiling is what takes long.
+        arcs = isinstance(scene, pneunet.Free) and scene.tip_load is None
+        weightless = dataclasses.replace(scene, weight=None if arcs else jnp.zeros(2))
+        simpler.append((weightless, ("weight of the finger",)))
+    for field, plain, words in (
+        ("section", "inextensible", "stretch of the cover"),
+        ("inclination", "none", "inclination of the walls"),
+    ):
+        if getattr(scene, field) != plain:
+            simpler += [(dataclasses.replace(one, **{field: plain}), (*out, words)) for one, out in simpler]
+    for one, left_out in reversed(simpler):
+        yield from _stepped(one, left_out, WEIGHT_COST if one.weight is scene.weight is not None else 1.0)
+
+
+def _stepped(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Rung]:
+    """The same finger with more and more steps: doubled to FINEST_STEPS, or twice its own, and at least once."""
+    coupled = scene.inclination != "none"
+    if isinstance(scene, pneunet.Free) and scene.is_arcs():
+        yield Rung(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
+        return
+    whole = scene.prepared()
+    parts = whole.chambers()[0].low.shape[0]
+    multiple = whole.shooting == "multiple"  # `steps` are then those of every part
+    cost = SECTION_COST[scene.section] * (COUPLING_COST if coupled else 1.0) * share
+    steps, finest, count = (1 if multiple else parts), max(FINEST_STEPS, 2 * scene.steps), 0
+    while count < 2 or steps < 2 * finest:
+        every = steps * parts if multiple else steps
+        words = f"{every} steps" if every > 1 else "1 step"
+        finer = dataclasses.replace(scene, steps=steps)
+        yield Rung(finer, left_out, f"{words} along the finger", cost * (PATH_COST + STEP_COST * every))
+        steps, count = 2 * steps, count + 1
