@@ -248,13 +248,13 @@ def read_module(bases: tuple[type, ...], table: Any, where: str) -> Any:
     classes = classes_of(bases)
     given: dict[str, Any] = {}
     if "preset" in table:
-        preset = _pick(table.pop("preset"), presets_of(bases), f"{where}: preset")()
+        preset = pick(table.pop("preset"), presets_of(bases), f"{where}: preset")()
         cls = type(preset)
         if table.pop("type", type_name(cls)) != type_name(cls):
             raise ConfigError(f"{where}: the preset is a {type_name(cls)}; leave out type.")
         given = {key.name: getattr(preset, key.name) for key in keys_of(cls).values()}
     elif "type" in table:
-        cls = _pick(table.pop("type"), classes, f"{where}: type")
+        cls = pick(table.pop("type"), classes, f"{where}: type")
     elif len(classes) == 1:
         cls = next(iter(classes.values()))
     else:
@@ -286,7 +286,7 @@ def read_field(key: Key, value: Any, where: str) -> Any:
     if "types" in meta:
         return read_module(meta["types"], value, f"{where[:-1]}.{key.key}]")
     if "allowed" in meta:
-        return _pick(value, {name: name for name in meta["allowed"]}, place)
+        return pick(value, {name: name for name in meta["allowed"]}, place)
     if type(value) is not key.annotation:
         kind = {int: "a whole number", bool: "true or false", str: "a text"}[key.annotation]
         raise ConfigError(f"{place} is {_show(value)}; it must be {kind}.")
@@ -407,17 +407,17 @@ def presets_of(bases: Iterable[type]) -> dict[str, Any]:
 
 
 def type_name(cls: type) -> str:
-    """How `type` names a class: scenes by room and class ('shell.Grasp'), parts by class alone."""
-    if not issubclass(cls, Scene):
+    """How `type` names a class: the package's scenes by room and class ('shell.Grasp'), all else by class alone."""
+    package, _, rooms = cls.__module__.partition(".")
+    if not issubclass(cls, Scene) or package != __package__:
         return cls.__name__
-    rooms = cls.__module__.split(".")
-    return f"{rooms[1] if rooms[0] == __package__ else rooms[-1]}.{cls.__name__}"
+    return f"{rooms.split('.')[0]}.{cls.__name__}"
 
 
 # --- sentences --------------------------------------------------------------------------------------------------------
 
 
-def _pick(name: Any, options: dict[str, Any], place: str) -> Any:
+def pick(name: Any, options: dict[str, Any], place: str) -> Any:
     if isinstance(name, str) and name in options:
         return options[name]
     close = difflib.get_close_matches(str(name), options, 1)
