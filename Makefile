@@ -5,13 +5,15 @@ BIN := .venv/bin
 STAMP := .venv/.stamp-setup
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-.PHONY: help setup run test lint
+.PHONY: help setup run test lint docs notebooks
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
 	@echo "make run     set-up, then the design search of configs/finger_tip_force.toml"
 	@echo "make test    set-up, then the tests"
 	@echo "make lint    set-up, then ruff and pyright"
+	@echo "make docs    set-up, then the documentation in site/, warnings as errors"
+	@echo "make notebooks   set-up, then the notebooks from their text sources, with outputs"
 
 setup: $(STAMP)
 
@@ -32,3 +34,9 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+notebooks: setup
+	$(BIN)/python docs/run_notebooks.py

@@ -1,0 +1,61 @@
+"""What the documentation shows runs: its Python samples, page by page, and the files and commands that it names."""
+
+import re
+import tomllib
+
+import jax
+import pytest
+from conftest import ROOT
+
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+TOML = re.compile(r"^```toml\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def text_of(page):
+    return page.read_text(encoding="utf-8")
+
+
+def name_of(page):
+    return str(page.relative_to(ROOT / "docs"))
+
+
+WITH_PYTHON = [page for page in PAGES if PYTHON.search(text_of(page))]
+
+
+@pytest.mark.parametrize("page", WITH_PYTHON, ids=name_of)
+def test_python_of_the_page(page, tmp_path, monkeypatch):
+    """The blocks of a page are one program, in their order, run where nothing else is."""
+    monkeypatch.chdir(tmp_path)
+    # A reader's JAX is not as strict about ranks as the tests are.
+    with jax.numpy_rank_promotion("allow"):
+        names: dict = {"__name__": "__page__"}
+        text = text_of(page)
+        for block in PYTHON.finditer(text):
+            line = text.count("\n", 0, block.start(1))
+            exec(compile("\n" * line + block[1], name_of(page), "exec"), names)
+
+
+def test_pages_with_samples_are_found():
+    assert {"quick-start.md", "guides/solve.md", "guides/design.md", "theory/section.md"} <= {
+        name_of(page) for page in WITH_PYTHON
+    }
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_what_the_page_names_exists(page):
+    text = text_of(page)
+    for path in re.findall(r"\b(?:configs|softgrip_jax|optim|tests|notebooks|benchmarks)/[\w/]+\.\w+", text):
+        assert (ROOT / path).is_file(), path
+    for block in TOML.findall(text):
+        tomllib.loads(block)
+
+
+def test_commands_exist():
+    import typer
+
+    from softgrip_jax.cli import app
+
+    known = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    used = {c for page in PAGES for c in re.findall(r"(?:^    |`)softgrip ([a-z]+)", text_of(page), re.MULTILINE)}
+    assert {"solve", "sweep", "design", "calibrate", "sensitivity"} <= used <= known
