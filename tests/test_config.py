@@ -230,7 +230,7 @@ class Pusher(Scene):
 
 def test_a_new_scene_needs_nothing_here(tmp_path):
     text = (
-        '[scene]\ntype = "test_config.Pusher"\nreach_mm = 3\nstiff = [1, 2.5, 3]\nweight_N_per_m = [1, 2]\n'
+        '[scene]\ntype = "Pusher"\nreach_mm = 3\nstiff = [1, 2.5, 3]\nweight_N_per_m = [1, 2]\n'
         'law = "thesis"\nsteps = 7\ncoupled = true\nextra_N_mm = -3\n[solve]\nforce_N = 1'
     )
     back = read(text, tmp_path)
@@ -245,7 +245,7 @@ def test_a_new_scene_needs_nothing_here(tmp_path):
     )
     same(back.scene, expected)
     same(read(config.dump(expected), tmp_path).scene, expected)
-    few = read('[scene]\ntype = "test_config.Pusher"\nreach_mm = 3\nstiff = 2\n[solve]\nforce_N = 1', tmp_path)
+    few = read('[scene]\ntype = "Pusher"\nreach_mm = 3\nstiff = 2\n[solve]\nforce_N = 1', tmp_path)
     same(few.scene, Pusher(reach=3 * mm, stiff=2.0))
     same(read(config.dump(few.scene), tmp_path).scene, few.scene)
 
