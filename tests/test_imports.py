@@ -32,6 +32,9 @@ ORDER = [
     "sections",
     "sweep",
     "sensitivity",
+    "reproduce",
+    "starter",
+    "schema",
     "cli",
     "__main__",
 ]

@@ -6,6 +6,11 @@ Lengths in mm, pressures in kPa.
 from . import energy as energy
 from . import finger as finger
 from . import shell as shell
+from .animation import animate as animate
+from .curves import Curve as Curve
+from .curves import Diagram as Diagram
+from .curves import curve_of as curve_of
+from .curves import diagrams as diagrams
 from .figures import compare as compare
 from .figures import convergence as convergence
 from .figures import draw as draw

@@ -1,0 +1,60 @@
+"""The command `softgrip`: thin, everything it does is in the other rooms.
+
+Exit codes: 0, done; 1, the question has no answer (the report says why); 2, a mistake in what was typed or in a file,
+told in one sentence on stderr; 130, stopped by Ctrl-C.
+
+The rooms are imported inside the commands, so that `softgrip --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+import typer
+
+from ..errors import ConfigError
+from . import files as files
+from . import runs as runs
+from . import scenes as scenes
+from .app import MISTAKE as MISTAKE
+from .app import NO_ANSWER as NO_ANSWER
+from .app import STOPPED as STOPPED
+from .app import app as app
+
+
+def run(arguments: Sequence[str]) -> int:
+    """The command with these arguments; returns the exit code."""
+    # Every mistake in what was typed is a subclass of typer's own, which has no public name.
+    usage_error: Any = typer.BadParameter.__mro__[1]
+    try:
+        return app(args=list(arguments) or ["--help"], prog_name="softgrip", standalone_mode=False) or 0
+    except usage_error as error:
+        command = error.ctx.command_path if error.ctx else "softgrip"
+        message = f"{error.format_message().rstrip('.')}; see {command} --help."
+    except (ConfigError, OSError) as error:
+        message = str(error)
+    except (KeyboardInterrupt, typer.Abort):
+        print("stopped.", file=sys.stderr)
+        return STOPPED
+    print(" ".join(message.split()), file=sys.stderr)
+    return MISTAKE
+
+
+def _keep_compiled_programs() -> None:
+    """Let JAX keep what it compiles, so that the second run of a command does not compile again."""
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    # XLA calls two of its own settings (prefer-no-gather, prefer-no-scatter) CPU features that the machine lacks, in
+    # long lines on stderr, for every program that it takes from the cache; nothing is wrong.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+def main() -> NoReturn:
+    """Entry point of the console script."""
+    _keep_compiled_programs()
+    sys.exit(run(sys.argv[1:]))

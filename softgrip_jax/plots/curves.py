@@ -1,0 +1,74 @@
+"""Curves of several states side by side, with printed or measured points on them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..results import Solution, Status
+from ..units import DISPLAY, kPa
+from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION, WIDTH
+
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE, BODY)
+LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1)))
+
+
+class Curve(NamedTuple):
+    """A line in the units of its axes; NaN where there is no state."""
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+
+
+class Diagram(NamedTuple):
+    """One pair of axes; `marks` are published points (label, x, y)."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: Sequence[Curve]
+    marks: Sequence[Curve] = ()
+
+
+def diagrams(panels: Sequence[Diagram], columns: int = 2) -> Figure:
+    """The diagrams, `columns` in a row; lines differ in colour and in dashes."""
+    columns = min(columns, len(panels))
+    rows = -(-len(panels) // columns)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH if columns > 1 else 0.6 * WIDTH, 2.3 * rows + 0.2))
+        axes = figure.subplots(rows, columns, squeeze=False).ravel()
+        for ax in axes[len(panels) :]:
+            ax.set_visible(False)
+        for ax, panel in zip(axes, panels, strict=False):
+            for k, curve in enumerate(panel.curves):
+                style = {"color": COLOURS[k % len(COLOURS)], "linestyle": LINES[k % len(LINES)]}
+                # A state alone between states that are none would not show as a line.
+                lonely = {"marker": "o", "markersize": 3} if len(curve.x) < 10 else {}
+                ax.plot(curve.x, curve.y, label=curve.label or None, **style, **lonely)
+            for mark in panel.marks:
+                ax.plot(mark.x, mark.y, "D", color="black", markersize=4.5, label=mark.label or None, zorder=5)
+            ax.set(xlabel=panel.x_label, ylabel=panel.y_label)
+            ax.set_title(panel.title, loc="left", fontweight="bold")
+            if ax.get_legend_handles_labels()[0]:
+                ax.legend(handlelength=2.6)
+    return figure
+
+
+def curve_of(curve: Solution, observable: str) -> Figure:
+    """An observable over the pressure along a batch of states, in its order; gaps where there is none."""
+    label, unit = DISPLAY[type(curve.scene).OBSERVABLES[observable]]
+    good = np.asarray(curve.status) == Status.OK
+    x = np.where(good, np.asarray(curve.pressure) / kPa, np.nan)
+    y = np.where(good, np.asarray(curve.observables[observable]) / unit, np.nan)
+    words = observable.replace("_", " ")
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(0.6 * WIDTH, 2.7))
+        ax = figure.subplots()
+        ax.plot(x, y, color=BLUE, marker="o" if good.sum() < 10 else None, markersize=3)
+        ax.set(xlabel="pressure (kPa)", ylabel=f"{words} ({label})" if label else words)
+    return figure

@@ -1,0 +1,148 @@
+"""`softgrip reproduce`: every number and trend of the thesis beside ours, as a table, pictures and a page.
+
+A folder comes of it: reproduction.md, reproduction.csv and images/reproduction_*.png.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import time
+from collections.abc import Sequence
+from contextlib import nullcontext
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from ..folders import new_folder, write_whole
+from .rows import Row, Verdict
+
+PAGE = "reproduction.md"
+STYLES = {
+    Verdict.REPRODUCED: "green",
+    Verdict.EXPLAINED: "cyan",
+    Verdict.NOT_IN_TEXT: "dim",
+    Verdict.DIFFERS: "bold red",
+}
+
+
+def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> int:
+    """Recompute everything, write the folder and report; returns how many rows differ without a reason.
+
+    Ctrl-C leaves no folder, but the rows that are done are still printed.
+    """
+    from . import finger_rows, fingers, pictures, shells
+
+    rows: list[Row] = []
+    began = time.monotonic()
+    aside = Console(stderr=True)
+    try:
+        with new_folder(out, "reproduction") as (folder, final):
+            found_shells = _stage(aside, "the shell: a dozen seconds", shells.compute)
+            rows += shells.rows(found_shells)
+            found_fingers = _stage(
+                aside, "fingers and grippers: a few minutes, most of it compilation", fingers.compute
+            )
+            rows += finger_rows.rows(found_fingers)
+            (folder / "images").mkdir()
+            drawn = []
+            with aside.status("pictures"):
+                for name, caption, figure in pictures.pictures(found_shells, found_fingers):
+                    figure.savefig(folder / "images" / f"reproduction_{name}.png")
+                    drawn.append((name, caption))
+            write_whole(folder / PAGE, page(rows, drawn, shells.tilt_text(found_shells)).encode())
+            write_whole(folder / "reproduction.csv", table_of(rows).encode())
+    finally:
+        if as_json:
+            print(
+                json.dumps(
+                    [row._asdict() | {"verdict": row.verdict.value} for row in rows], indent=2, ensure_ascii=False
+                )
+            )
+        elif rows:
+            report(rows, console)
+    if not as_json:
+        spent = time.monotonic() - began
+        console.print(f"{final / PAGE} and its pictures were written in {spent:.0f} s.", soft_wrap=True)
+    return counts(rows)[Verdict.DIFFERS]
+
+
+def _stage(console: Console, words: str, compute):
+    """What `compute` returns, with a sign of life; a line where there is no terminal."""
+    if not console.is_terminal:
+        console.print(words, soft_wrap=True)
+    with console.status(words) if console.is_terminal else nullcontext():
+        return compute()
+
+
+def counts(rows: Sequence[Row]) -> dict[Verdict, int]:
+    return {verdict: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
+
+
+def count_text(rows: Sequence[Row]) -> str:
+    """The last line of the report."""
+    parts = [f"{n} {verdict.value}" for verdict, n in counts(rows).items() if n or verdict is not Verdict.DIFFERS]
+    return f"{len(rows)} numbers and statements: {', '.join(parts)}."
+
+
+def report(rows: Sequence[Row], console: Console) -> None:
+    """The comparison as a table for people."""
+    table = Table(title="The thesis and this package", title_justify="left")
+    for name in ("source", "what", "printed", "ours", "deviation", "verdict"):
+        table.add_column(name, overflow="fold")
+    for row in rows:
+        cells = [escape(text) for text in row[:5]]
+        table.add_row(*cells, row.verdict.value, style=STYLES[row.verdict])
+        if row.reason:
+            table.add_row("", f"[dim]{escape(row.reason)}[/dim]")
+    console.print(table)
+    console.print(count_text(rows), soft_wrap=True)
+
+
+def table_of(rows: Sequence[Row]) -> str:
+    """The comparison as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(Row._fields)
+    writer.writerows([*row[:5], row.verdict.value, row.reason] for row in rows)
+    return text.getvalue()
+
+
+def page(rows: Sequence[Row], drawn: Sequence[tuple[str, str]], tilt_text: str) -> str:
+    """The comparison as a page of the documentation."""
+    lines = [
+        "# The thesis, recomputed",
+        "",
+        "Every number and trend that the text and the tables of *Analytical Modeling of Pneumatic Soft Grippers Based "
+        "on "
+        "Finite-Strain Membrane and Beam Theories* print, beside what this package computes from the same equations "
+        "(for fingers: with the section law as printed). Written by `softgrip reproduce`; do not edit by hand.",
+        "",
+        f"**{count_text(rows)}**",
+        "",
+        *(f"- *{verdict.value}*: {MEANINGS[verdict]}" for verdict, n in counts(rows).items() if n),
+        "",
+        "| source | what | printed | ours | deviation | verdict | reason |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in (*row[:5], row.verdict.value, row.reason)) + " |"
+        for row in rows
+    ]
+    lines += ["", tilt_text, "", "## Pictures", ""]
+    for name, caption in drawn:
+        lines += [f"![{caption}](images/reproduction_{name}.png)", "", caption, ""]
+    return "\n".join(lines)
+
+
+MEANINGS = {
+    Verdict.REPRODUCED: "within one unit of the last printed digit (the thesis cuts some numbers and rounds others), "
+    "or a statement that holds for what we computed",
+    Verdict.EXPLAINED: "further away, for a reason that was itself computed",
+    Verdict.NOT_IN_TEXT: "the text leaves out what the number depends on, or it was measured and the data are only in "
+    "a figure",
+    Verdict.DIFFERS: "further away; where we know why, it is said",
+}

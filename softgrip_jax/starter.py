@@ -1,0 +1,222 @@
+"""`softgrip new`: a commented config for any scene, from the fields, rules and docstrings of its class.
+
+Numbers are the thesis's where it has a scene of that type, and otherwise small ones that keep the field's rule. What
+has a default stands in a comment, so that the file says all that could be said.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import re
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from . import config as configs
+from . import thesis
+from .checked import wanted
+from .objects import Friction
+from .pneunet.finger import PRESETS as FINGERS
+from .pneunet.finger import PneuNet
+from .scene import Scene
+from .shell.cylinder import AxialOffset
+from .units import DISPLAY, degree, gram, kPa, mm, unit_key
+
+PRESSURE = 15 * kPa
+"""Asked in a starter that needs a pressure: shells and fingers are well inflated and far from their limits."""
+NUMBERS = {"length": 10 * mm, "angle": 10 * degree, "mass": 100 * gram, "pressure": 100 * kPa}
+"""By kind of quantity, in SI: for fields that no scene of the thesis has; 1 for other kinds."""
+SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
+"""Of constructors, in docstrings; the keys of a config have units of their own."""
+COMMENT = 40
+"""Column at which comments begin."""
+
+
+@functools.cache
+def examples() -> dict[type, Any]:
+    """Scenes of the thesis and their parts by class."""
+    blocked, free = thesis.blocked_finger("A"), thesis.free_finger("A")
+    scenes = [
+        thesis.cylinder_contact(),
+        thesis.free_shell(),
+        thesis.flat_contact(),
+        thesis.shell_grasp(mass=563 * gram, friction=0.96),
+        thesis.square_membrane(10 * degree),
+        AxialOffset(thesis.shell(), radius=thesis.ROD, gap=thesis.GAP, height=38 * mm),
+        dataclasses.replace(blocked, weight=None, section="exact"),
+        dataclasses.replace(free, section="exact"),
+        dataclasses.replace(thesis.finger_grasp("A", 26 * gram, 18 * mm), section="exact"),
+    ]
+    found: dict[type, Any] = {}
+    for scene in scenes:
+        _collect(scene, found)
+    return found
+
+
+def _collect(module: Any, found: dict[type, Any]) -> None:
+    found.setdefault(type(module), module)
+    for key in configs.keys_of(type(module)).values():
+        if "types" in key.field.metadata:
+            _collect(getattr(module, key.name), found)
+
+
+def example(cls: type) -> Any:
+    """A module of a class: the thesis's, or one whose numbers keep their rules."""
+    known = examples()
+    if cls in known:
+        return known[cls]
+    like = next((known[base] for base in cls.__mro__ if base in known), None)
+    given = {}
+    for key in configs.keys_of(cls).values():
+        if like is not None and hasattr(like, key.name):
+            given[key.name] = getattr(like, key.name)
+        elif key.required:
+            given[key.name] = _value(key)
+    return cls(**given)
+
+
+def _value(key: configs.Key) -> Any:
+    meta = key.field.metadata
+    if "types" in meta:
+        options = list(configs.classes_of(meta["types"]).values())
+        return example(next((cls for cls in options if cls in examples()), options[0]))
+    if meta.get("friction"):
+        return 1.0
+    if "rule" not in meta:
+        return meta["allowed"][0] if "allowed" in meta else {int: 1, bool: False, str: ""}[key.annotation]
+    number = 0.0 if meta["rule"] in ("finite", "nonnegative") else NUMBERS.get(meta["kind"], 1.0)
+    shapes = [str(meta["size"])] if "size" in meta else configs.shapes_of(key.annotation)
+    return number if "" in shapes else jnp.full(int(shapes[0]) if shapes[0].isdigit() else 1, number)
+
+
+def starter(name: str) -> str:
+    """The text of a config for the scene type `name` ("shell.Grasp"); ConfigError where there is none of that name."""
+    cls = configs.pick(name, configs.classes_of((Scene,)), "TYPE")
+    scene = example(cls)
+    words = (inspect.getdoc(cls) or "").split("\n\n")[0].split()
+    lines = [*_wrapped(" ".join(words)), "#   softgrip solve FILE.toml", ""]
+    lines += _table("scene", scene, (Scene,))
+    try:
+        scene.target()
+        lines += [
+            "",
+            "# Without [solve] the pressure is found that does the scene's own task. Other questions:",
+            "# [solve]",
+        ]
+        mark = "# "
+    except ValueError:
+        lines += ["", "[solve]"]
+        mark = ""
+    lines.append(_line(f"{mark}pressure_kPa = {PRESSURE / kPa:g}", "what is the state at this pressure?"))
+    others = [unit_key(name, kind) for name, kind in type(scene).OBSERVABLES.items() if kind != "position"]
+    lines += _wrapped("Instead of pressure_kPa, the value that the pressure shall reach: " + ", ".join(others) + ".")
+    return "\n".join(lines) + "\n"
+
+
+def _wrapped(text: str, width: int = 116) -> list[str]:
+    lines, line = [], "#"
+    for word in text.split():
+        if len(line) + 1 + len(word) > width:
+            lines.append(line)
+            line = "#"
+        line += f" {word}"
+    return [*lines, line]
+
+
+def _table(path: str, module: Any, bases: tuple[type, ...]) -> list[str]:
+    """The table of a module and, under it, those of its parts."""
+    cls, classes, presets = type(module), configs.classes_of(bases), configs.presets_of(bases)
+    lines = [f"[{path}]"]
+    preset = next(
+        (f"table_5_1_{kind}" for kind in thesis.KINDS if cls is PneuNet and f"table_5_1_{kind}" in FINGERS), None
+    )
+    if preset:
+        others = ", ".join(name for name in presets if name != preset)
+        lines.append(_line(f'preset = "{preset}"', f"or {others}; the keys below override it"))
+    elif len(classes) > 1:
+        words = f"or {', '.join(name for name in classes if name != configs.type_name(cls))}"
+        lines.append(_line(f'type = "{configs.type_name(cls)}"', words if bases != (Scene,) else ""))
+        if presets:
+            lines.append(
+                f"# preset = {' or '.join(map(repr, presets))}   # instead of type and numbers".replace("'", '"')
+            )
+    docs, below = documented(cls), []
+    for key in configs.keys_of(cls).values():
+        value, meta = getattr(module, key.name), key.field.metadata
+        if "types" in meta or isinstance(value, Friction):
+            below += ["", *_table(f"{path}.{key.key}", value, meta.get("types", (Friction,)))]
+            continue
+        left_out = bool(preset) or (not key.required and _same(value, key.field.default))
+        text = f"{key.key} = {_written(key, value)}"
+        lines.append(_line(f"# {text}" if left_out else text, _words(key, docs.get(key.name, ""))))
+    return lines + below
+
+
+def _line(text: str, comment: str) -> str:
+    return f"{text:<{COMMENT}}# {comment}" if comment else text
+
+
+def _words(key: configs.Key, doc: str) -> str:
+    """What a key means and what it may be."""
+    meta = key.field.metadata
+    if "allowed" in meta:
+        rule = "one of " + ", ".join(f'"{name}"' for name in meta["allowed"])
+    elif meta.get("friction"):
+        rule = "a positive number, or a table with force_N and coefficient"
+    elif "rule" in meta:
+        rule = wanted(meta["rule"], DISPLAY[meta["kind"]][0])
+    else:
+        rule = {int: "a whole number", bool: "true or false", str: "a text"}[key.annotation]
+    return f"{doc.lstrip(', ')}; {rule}" if doc.strip(", ") else rule
+
+
+def _same(value: Any, default: Any) -> bool:
+    if value is None or default is None:
+        return value is default
+    if isinstance(default, int | float | tuple | list) and not isinstance(default, bool):
+        return np.shape(value) == np.shape(default) and bool(np.all(np.asarray(value) == np.asarray(default)))
+    return value == default
+
+
+def _written(key: configs.Key, value: Any) -> str:
+    """A value as TOML, in the unit of its key."""
+    meta = key.field.metadata
+    if "rule" in meta or meta.get("friction"):
+        if value is None:
+            value = np.zeros(meta["size"]) if "size" in meta else 0.0
+        return _decimals(np.asarray(value) / DISPLAY[meta.get("kind", "number")][1])
+    return (
+        {True: "true", False: "false"}.get(value, "")
+        if isinstance(value, bool)
+        else f'"{value}"'
+        if isinstance(value, str)
+        else str(value)
+    )
+
+
+def _decimals(value: np.ndarray) -> str:
+    if value.ndim:
+        return "[" + ", ".join(_decimals(v) for v in value) + "]"
+    return f"{float(value):.12g}"
+
+
+@functools.cache
+def documented(cls: type) -> dict[str, str]:
+    """What the docstrings of a class and of those above it say of its fields: `name: text` or `name, other: text`."""
+    found: dict[str, str] = {}
+    names = [field.name for field in dataclasses.fields(cls)]
+    for base in reversed(cls.__mro__):
+        text = inspect.cleandoc(base.__dict__.get("__doc__") or "")
+        for name in names:
+            match = re.search(
+                rf"(?:^|[\s;])(?:\w+, )*{name}(?:, \w+)*: (.+?)(?=; |\.(?:\s|$)|\n\s*\n|\n\s*[\w, ]+: |$)",
+                text,
+                re.DOTALL,
+            )
+            # "as in OtherScene" says less than what a class above has said.
+            if match and not (name in found and match.group(1).startswith("as in ")):
+                found[name] = SI_UNITS.sub("", " ".join(match.group(1).split())).rstrip(".,;")
+    return found
