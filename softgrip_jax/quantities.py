@@ -194,8 +194,8 @@ def _value(quantity: Quantity, solution: Solution | None, limit: Any) -> Array:
         return limit
     assert solution is not None
     if quantity.observable == LIMIT_MARGIN:
-        bounded = jnp.isfinite(limit)
-        return jnp.where(bounded, jnp.where(bounded, limit, 1.0) / solution.pressure, NO_LIMIT_MARGIN)
+        endless = limit == jnp.inf  # NaN, a limit that is not known, is no room at all
+        return jnp.where(endless, NO_LIMIT_MARGIN, jnp.where(endless, 1.0, limit) / solution.pressure)
     if quantity.observable == "pressure":
         return solution.pressure
     name, component = _component(quantity)

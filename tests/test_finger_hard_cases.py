@@ -31,7 +31,7 @@ def test_random_fingers_are_solved_up_to_their_limits_and_not_beyond():
     """The limit is found by following each path to its fold, a state by following it to a pressure: they must agree."""
     rng = np.random.default_rng(11)
     scenes = random_contacts(rng)
-    limits = np.asarray(jax.jit(lambda s: jax.lax.map(sg.limit_pressure, s, batch_size=64))(scenes))
+    limits = np.array(jax.jit(lambda s: jax.lax.map(sg.limit_pressure, s, batch_size=64))(scenes))
     exists = np.isfinite(limits)
     assert np.mean(exists) > 0.85  # a few cannot carry what pulls at them at all
     share = np.where(rng.uniform(size=LANES) < 0.2, rng.choice([0.9999, 1.0001], LANES), rng.uniform(0, 1.3, LANES))
@@ -79,8 +79,8 @@ def test_a_gap_that_closes_takes_the_moment_with_it():
 
 
 def test_soft_and_heavy_finger_hangs_past_vertical():
-    """mu 12 kPa under 6 N/m, w L^3 / EI = 270: weight alone turns the tip down, too hard for single shooting."""
-    f = TYPE_A | {"mu": 0.012}
+    """mu 40 kPa under 6 N/m, w L^3 / EI = 82: weight alone turns the tip down, too hard for single shooting."""
+    f = TYPE_A | {"mu": 0.04}
     cases = [((0.0, -6e-3), 0.0, 0.0), ((0.0, -6e-3), 1.2, 1e-3), ((0.0, -6e-3), 0.0, 2e-3)]
     scenes = [
         free(f, "exact", weight, clamp=clamp, inclination="none", shooting="multiple") for weight, clamp, _ in cases

@@ -133,11 +133,13 @@ def correct(
     goal: Goal | None = None,
     to_goal: Bool[Array, ""] | bool = False,
     accuracy: Accuracy = FINE,
+    first: Bool[Array, ""] | bool = False,
 ) -> tuple[Point, Bool[Array, ""]]:
     """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
 
     Returns it and whether it can be trusted: converged, the tangent has not turned too far since `point`, and the
-    correction was small (a goal may be far from its guess along the path).
+    correction was small (a goal may be far from its guess along the path). At the first point the tangent was only
+    guessed: it may turn as it likes, but must point to growing load.
     """
 
     def equations(u):
@@ -149,7 +151,8 @@ def correct(
     tangent = _tangent(found.jacobian[:-1], point.tangent)
     steady = jnp.dot(tangent, point.tangent) > TURN
     near = jnp.linalg.norm(found.u - guess) <= DETOUR * jnp.linalg.norm(guess - point.u) + SETTLED
-    return Point(found.u, tangent), found.converged & steady & (near | to_goal)
+    trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | to_goal))
+    return Point(found.u, tangent), found.converged & trusted
 
 
 class Search(NamedTuple):
@@ -174,8 +177,8 @@ class Search(NamedTuple):
     """Whether `far` is a limit point."""
     bend: Vector
     """Change of the tangent with arc length behind `before`: what the next step expects."""
-    borrowed: Bool[Array, ""]
-    """Whether `before` is a point of the rough path, to be corrected first."""
+    lent: Bool[Array, ""]
+    """Whether the search began at a point of the rough path, which is corrected first."""
     mode: Int[Array, ""]
     count: Int[Array, ""]
 
@@ -206,8 +209,8 @@ def follow(
         # At the goal one correction remains; a limit point is looked for again from the last point before it.
         arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
         near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
-        lent = _pick(way.mode == REACHED, arrived, near_fold)._replace(borrowed=jnp.asarray(True))
-        begin = _pick((way.mode == REACHED) | (way.mode == FOLD), lent, start)
+        near_end = _pick(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True))
+        begin = _pick((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
         accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
         found = _walk(lambda u: residual(u, fine), begin, start, lambda u: goal(u, fine), accuracy)
         return (found, count + found.count), None
@@ -243,19 +246,18 @@ def _walk(residual: Residual, start: Search, fresh: Search, goal: Goal, accuracy
 
     def step(search: Search) -> Search:
         to_goal = search.mode == TO_GOAL
-        new, good = correct(residual, search.before, guess_of(search), goal, to_goal, accuracy)
-        u = search.before.u
-        same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
-        # At the start the tangent was only guessed: it may turn as it likes, but must point to growing load.
         first = (search.count == 0) & ~to_goal
-        good = jnp.where(first, jnp.all(jnp.isfinite(new.tangent)) & (new.tangent[-1] > 0), good)
-        good &= same | ~search.borrowed
+        new, good = correct(residual, search.before, guess_of(search), goal, to_goal, accuracy, first)
+        u, lent = search.before.u, search.lent & (search.count == 0)
+        same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
+        good &= same | ~lent
         stepped = _after_step(search, new, good, goal)
         folding = _after_fold_trial(search, new, good, goal, accuracy.flat)
         reached = _after_goal_trial(search, new, good)
         chosen = _pick(search.mode == STEPPING, stepped, _pick(to_goal, reached, folding))
-        chosen = chosen._replace(count=search.count + 1, borrowed=jnp.asarray(False))
-        return _pick(search.borrowed & ~good, fresh, chosen)
+        chosen = chosen._replace(count=search.count + 1)
+        astray = (lent & ~good) | (search.lent & (chosen.mode == ENDED))
+        return _pick(astray, fresh, chosen)
 
     return lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, start)
 

@@ -31,8 +31,9 @@ Scalar = Float[Array, ""]
 STEPS = 12
 """Dopri8 steps along a finger: 1e-10 of the tip force at half the fold's moment, 3e-9 at the fold, 1e-7 in tests of
 random fingers under weights and pulls; 4 steps: 1e-7, 5e-6; 8 steps: 1e-9, 6e-8."""
-ROUGH_STEPS = 1
-"""In each part. One step knows the tip force to 1e-4 at half the moment of the fold, to 3 % there: it finds the way."""
+ROUGH_STEPS = 2
+"""In each part. Two steps know the tip force to 1e-8 at half the fold's moment, to 1e-3 at the fold, and find the way.
+One would do at half the fold, but has folds of its own near it."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 LARGEST_GROWTH = 4.0
