@@ -41,7 +41,7 @@ EDITS = {
     "half a line": ("gap_mm = 5", "gap_mm =", "this is not TOML"),
     "key twice": ("gap_mm = 5", "gap_mm = 5\ngap_mm = 5", "this is not TOML"),
     "unknown section": ("[solve]", "[solv]", "there is no section [solv]; did you mean solve?"),
-    "far-off section": ("[solve]", "[zzz]", "there is no section [zzz]; allowed are scene, solve, design"),
+    "far-off section": ("[solve]", "[zzz]", "there is no section [zzz]; allowed are scene, scenes, solve, design"),
     "a key above the sections": ("[scene]\n", "radius_mm = 2\n[scene]\n", "there is no section [radius_mm]"),
     "section as number": (GOOD, "scene = 3", "scene is 3; it must be a section, [scene]."),
     "sections in a list": ("[scene]\n", "[[scene]]\n", "; it must be a section, [scene]."),

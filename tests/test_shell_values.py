@@ -7,6 +7,7 @@ from helpers import shell
 from scipy.optimize import brentq
 
 import softgrip_jax as sg
+from softgrip_jax import thesis
 from softgrip_jax.units import GRAVITY, degree, gram, kPa, mm
 
 NEO_175 = {"kind": ref.NEO, "mu": 175e3}
@@ -14,45 +15,39 @@ DESIGN = {"a": 16e-3, "b": 43e-3, "t_m": 1.1e-3, "material": NEO_175}
 
 
 def test_thesis_figures_within_half_a_percent():
-    """Figures 5.1, 5.2, 5.3: 15 kPa; 13.38 mm, 18.33 N, 5.74 N."""
-    assert float(sg.solve(sg.shell.Free(shell()), 15 * kPa).inflation) / mm == pytest.approx(13.38, rel=5e-3)
-    flat = sg.shell.FlatContact(shell(), distance=5 * mm)
-    assert float(sg.solve(flat, 15 * kPa).force) == pytest.approx(18.33, rel=5e-3)
-    rod = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
-    assert float(sg.solve(rod, 15 * kPa).force_z) == pytest.approx(5.74, rel=5e-3)
+    """Figures 5.1, 5.2, 5.3, whose modulus is printed with three digits: see tests/test_reproduce.py."""
+    pressure = thesis.FIGURE_PRESSURE
+    free = sg.solve(thesis.free_shell(), pressure)
+    assert float(free.inflation) == pytest.approx(thesis.FIGURE_5_1.value, rel=5e-3)
+    flat = sg.solve(thesis.flat_contact(), pressure)
+    assert float(flat.force) == pytest.approx(thesis.FIGURE_5_2.value, rel=5e-3)
+    rod = sg.solve(thesis.cylinder_contact(), pressure)
+    assert float(rod.force_z) == pytest.approx(thesis.FIGURE_5_3.value, rel=5e-3)
 
 
-# Table 6.1: gap, h, p as printed. One required force per weight reproduces all rows, with the friction coefficients
-# that they imply: mu_f = m g / 2 / F_ext (the thesis took another one for each object, section 6.2.4).
-TABLE_6_1 = [
-    (5, 137, 0.4491, 28.1, 5.5),
-    (5, 263, 0.9944, 30.3, 7.2),
-    (5, 563, 2.870, 33.7, 10.9),
-    (10, 137, 0.4491, 26.4, 13.0),
-    (10, 263, 0.9944, 27.9, 14.5),
-    (10, 563, 2.870, 32.1, 17.5),
-]
+# One required force per weight (g: N) reproduces all rows of table 6.1, with the friction coefficients that they imply:
+# mu_f = m g / 2 / F_ext (the thesis took another one for each object, section 6.2.4). Found by an independent solver.
+REQUIRED = {137: 0.4491, 263: 0.9944, 563: 2.870}
 
 
-@pytest.mark.parametrize(("gap", "weight", "force", "height", "pressure"), TABLE_6_1)
-def test_table_6_1(gap, weight, force, height, pressure):
-    friction = weight * gram * GRAVITY / 2 / force
-    scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=gap * mm, mass=weight * gram, friction=friction)
-    grasp = sg.pressure_for(scene)
+@pytest.mark.parametrize("row", thesis.TABLE_6_1)
+def test_table_6_1(row):
+    force = REQUIRED[round(row.mass / gram)]
+    grasp = sg.pressure_for(thesis.shell_grasp(row.gap, row.mass, row.mass * GRAVITY / 2 / force))
     assert float(grasp.required_force) == pytest.approx(force, rel=1e-12)
     assert float(grasp.force) == pytest.approx(force, rel=1e-12)
     # The thesis steps the pressure (algorithm 4) and cuts digits: one unit of the last printed digit.
-    assert float(grasp.pressure) / kPa == pytest.approx(pressure, abs=0.1)
-    if (gap, weight) == (10, 137):
-        # h = 26.4 is a misprint, most likely: no pressure near 13.0 kPa gives it, and every other row fits.
+    assert float(grasp.pressure) == pytest.approx(row.pressure.value, abs=row.pressure.digit)
+    if row.height.text == "26.4":
+        # A misprint, most likely: no pressure near 13.0 kPa gives it, and every other row fits.
         assert float(grasp.height) / mm == pytest.approx(25.5, abs=0.1)
     else:
-        assert float(grasp.height) / mm == pytest.approx(height, abs=0.1)
+        assert float(grasp.height) == pytest.approx(row.height.value, abs=row.height.digit)
 
 
-def test_figure_5_4_and_the_order_of_friction_coefficients():
-    """Fig. 5.4: 137 g, r 20, gap 5: 5.5 kPa and 28.1 mm. The implied coefficients fall with the force, as measured."""
-    implied = [weight * gram * GRAVITY / 2 / force for _, weight, force, *_ in TABLE_6_1[:3]]
+def test_the_order_of_friction_coefficients():
+    """The implied coefficients fall with the force, as measured."""
+    implied = [weight * gram * GRAVITY / 2 / force for weight, force in REQUIRED.items()]
     assert implied == sorted(implied, reverse=True)
     assert implied == pytest.approx([1.50, 1.30, 0.96], abs=0.01)
 

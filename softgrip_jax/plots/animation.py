@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Float
 from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -36,7 +37,7 @@ class Still(Solution):
         return self.stored
 
 
-def stills(scene: Scene, pressures: Sequence[float]) -> list[Still]:
+def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
     """The states of a scene at pressures (Pa), without those that have none."""
     states = path(scene, pressures)
     good = np.flatnonzero(np.asarray(states.status) == Status.OK)
@@ -54,14 +55,14 @@ def stills(scene: Scene, pressures: Sequence[float]) -> list[Still]:
 
 
 def animate(
-    scene: Scene, pressures: Sequence[float], file: str | Path, report: Callable[[int, int], None] = lambda k, n: None
+    scene: Scene, pressures: Any, file: str | Path, report: Callable[[int, int], None] = lambda k, n: None
 ) -> Path:
     """Write a GIF of the scene at rising pressures (Pa), on one scale; states that do not exist are left out.
 
     report: called with (frames drawn, frames) after each.
     """
     file = Path(file)
-    states = stills(scene, pressures)
+    states = stills(scene, np.asarray(pressures, dtype=float))
     painter = look(states[-1])
     settings = STYLE | {"savefig.bbox": "standard", "figure.constrained_layout.use": False}
     with mpl.rc_context(settings):

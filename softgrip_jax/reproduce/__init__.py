@@ -44,7 +44,7 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
             found_shells = _stage(aside, "the shell: a dozen seconds", shells.compute)
             rows += shells.rows(found_shells)
             found_fingers = _stage(
-                aside, "fingers and grippers: a few minutes, most of it compilation", fingers.compute
+                aside, "fingers and grippers: a few minutes the first time, most of it compilation", fingers.compute
             )
             rows += finger_rows.rows(found_fingers)
             (folder / "images").mkdir()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -87,7 +87,7 @@ class Batch:
         self.seconds = 0.0
         """That one state of the batch took, without compilation; known where it was solved as `timed`."""
 
-    def add(self, name: str, scenes: Sequence[Any], pressures: Sequence[Any]) -> None:
+    def add(self, name: str, scenes: Sequence[Any], pressures: Iterable[Any]) -> None:
         first = len(self._scenes)
         self._scenes += scenes
         self._pressures += [float(p) for p in pressures]
