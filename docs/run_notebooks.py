@@ -20,7 +20,7 @@ TIMEOUT = 900
 
 SMALL_PICTURES = """
 %matplotlib inline
-%config InlineBackend.print_figure_kwargs = {"dpi": 72, "bbox_inches": "tight"}
+%config InlineBackend.print_figure_kwargs = {"dpi": 96, "bbox_inches": "tight"}
 """
 """A cell that is run first and not stored."""
 

@@ -1,4 +1,4 @@
-// Formulas are marked by pymdownx.arithmatex; MathJax is told where to look, and again on every page that is opened.
+// Formulas are marked by pymdownx.arithmatex; MathJax looks there and nowhere else.
 window.MathJax = {
   tex: { inlineMath: [["\\(", "\\)"]], displayMath: [["\\[", "\\]"]] },
   options: { ignoreHtmlClass: ".*|", processHtmlClass: "arithmatex" },
