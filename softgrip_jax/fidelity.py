@@ -3,9 +3,9 @@
 A rung is the given scene with some physics left out and with cheaper numerics. The dearest rung leaves nothing out and
 has the finest numerics, so the errors of all rungs follow from comparing an observable v with its value there:
 
-    error = (|v - v_dearest| + own) / (|v_dearest| - own),    own = |v_dearest - v_second|
+    error = (|v - v_dearest| + own) / (|v_dearest| - own),    own = |v_dearest - v_second| / gain
 
-`own` bounds the error of the dearest rung by what its last refinement changed: v_second has everything in, too.
+`own` bounds the error of the dearest rung by what its last refinement changed; v_second has everything in, too.
 
 This is the error of leaving out and of computing, never the model's error against reality: the dearest rung is the
 given scene, solved well, and how far that is from finite elements stands in the README. Every rung is a program of its
@@ -15,7 +15,7 @@ own, compiled once: choosing pays before a sweep, a search or a large batch, not
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -33,8 +33,9 @@ from .shell.flat_shell import ShellScene
 ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)
 """No error is claimed to be smaller than what `solve` accepts as a residual."""
 FINEST_STEPS = 16
-"""Steps along a finger on the dearest rung, twice the default. Order 8: doubling leaves one part in 256 of the error,
-so what the last doubling changed is a generous bound of what is left."""
+"""Steps along a finger on the dearest rung, or the scene's own where those are more."""
+STEP_GAIN = 16.0
+"""Doubling the steps of order 8 leaves one part in 256 of the error; one in 16 is claimed."""
 BASES = ((2, 3), (3, 4), (4, 6))
 """(across, along) polynomials of the energy membrane, the last its default; the dearest rung has one and two more."""
 
@@ -46,7 +47,7 @@ PATH_COST, STEP_COST = 30.0, 3.0
 WEIGHT_COST = 1.6
 """Loads are a path of their own, before the pressure."""
 SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
-COUPLING_COST = 20.0
+COUPLING_COST = 170.0
 """Inclinations that couple are roots inside the beam, part by part."""
 SHELL_COST = 2.0
 ENERGY_COST = 80.0
@@ -63,6 +64,8 @@ class Rung(NamedTuple):
     """How finely it is solved, in words."""
     cost: float
     """Time per design in a batch, relative to an explicit finger."""
+    gain: float = 1.0
+    """How much less than from the rung before, with coarser numerics, the error is at least."""
 
 
 class Trial(NamedTuple):
@@ -158,41 +161,20 @@ def choose(
     tolerance = float(require("tolerance", tolerance, "positive", "number"))
     name = _observable(scene, observable, pressure is None)
     ladder = rungs(scene, [*target, name])
-    last = len(ladder) - 1
-    second = max((k for k in range(last) if not ladder[k].left_out), default=last)
     solved: dict[int, Solution] = {}
 
-    def value(k: int) -> np.ndarray:
+    def read(k: int) -> Reading:
         if k not in solved:
             rung = ladder[k].scene
             solved[k] = pressure_for(rung, **target) if pressure is None else solve(rung, pressure)
-        return value_of(solved[k], name)
+        value = np.ravel(solved[k].pressure if name == "pressure" else solved[k].observables[name])
+        return Reading(value, int(solved[k].status))
 
-    best, own = value(last), own_error(value(last), value(second))
-    status = int(solved[last].status)
-
-    def error(k: int) -> float:
-        found = error_of(value(k), best, own)
-        return float(found) if int(solved[k].status) == status else np.inf
-
-    chosen, coarser, hopeless = last, dict[tuple[str, ...], np.ndarray](), set[tuple[str, ...]]()
-    for k in range(last if status in (Status.OK, Status.NO_CONTACT) else 0):
-        left_out = ladder[k].left_out
-        if left_out in hopeless:
-            continue
-        if error(k) <= tolerance:
-            chosen = k
-            break
-        # More steps do not help where what the last refinement changed is small beside what is missing.
-        if left_out in coarser and np.isfinite(error(k)):
-            still = float(_size(value(k) - coarser[left_out]) / _size(best))
-            if error(k) - still > tolerance:
-                hopeless.add(left_out)
-        coarser[left_out] = value(k)
-    trials = tuple(Trial(ladder[k], solved[k], error(k)) for k in sorted(solved))
+    chosen, errors = decide(ladder, read, tolerance)
     rung = ladder[chosen]
+    trials = tuple(Trial(ladder[k], solved[k], errors[k]) for k in sorted(errors))
     return Choice(
-        rung.scene, solved[chosen], rung.left_out, rung.numerics, rung.cost, error(chosen), name, tolerance, trials
+        rung.scene, solved[chosen], rung.left_out, rung.numerics, rung.cost, errors[chosen], name, tolerance, trials
     )
 
 
@@ -208,26 +190,57 @@ def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:
 # --- errors -----------------------------------------------------------------------------------------------------------
 
 
-def value_of(solution: Solution, name: str) -> np.ndarray:
-    """An observable, or the pressure, as an array whose last axis is a point's (x, y) or a number alone."""
-    value = np.asarray(solution.pressure if name == "pressure" else solution.observables[name])
-    return value if value.ndim > solution.status.ndim else value[..., None]
+class Reading(NamedTuple):
+    """What a rung says."""
+
+    value: np.ndarray
+    """The observable: one number, or a point's two."""
+    status: int
 
 
-def own_error(dearest: np.ndarray, second: np.ndarray) -> np.ndarray:
+def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float) -> tuple[int, dict[int, float]]:
+    """(the first rung that meets the tolerance, the errors of all that were read); `read` solves a rung when asked."""
+    last = len(ladder) - 1
+    second = max((k for k in range(last) if not ladder[k].left_out), default=last)
+    best, status = read(last)
+    own = own_error(best, read(second).value, ladder[last].gain)
+    errors: dict[int, float] = {}
+
+    def error(k: int) -> float:
+        if k not in errors:
+            errors[k] = error_of(read(k).value, best, own) if read(k).status == status else np.inf
+        return errors[k]
+
+    chosen, coarser, hopeless = last, dict[tuple[str, ...], np.ndarray](), set[tuple[str, ...]]()
+    for k in range(last if status in (Status.OK, Status.NO_CONTACT) else 0):
+        left_out = ladder[k].left_out
+        if left_out in hopeless:
+            continue
+        if error(k) <= tolerance:
+            chosen = k
+            break
+        # More steps do not help where what the last refinement changed is small beside what is missing.
+        if left_out in coarser and np.isfinite(error(k)):
+            still = np.linalg.norm(read(k).value - coarser[left_out]) / np.linalg.norm(best)
+            if error(k) - still > tolerance:
+                hopeless.add(left_out)
+        coarser[left_out] = read(k).value
+    for k in (second, last):
+        error(k)
+    return chosen, errors
+
+
+def own_error(dearest: np.ndarray, second: np.ndarray, gain: float) -> float:
     """A bound of the error of the dearest rung, absolute."""
-    return _size(dearest - second) + ROUNDING * _size(dearest)
+    return float(np.linalg.norm(dearest - second) / gain + ROUNDING * np.linalg.norm(dearest))
 
 
-def error_of(value: np.ndarray, dearest: np.ndarray, own: np.ndarray) -> np.ndarray:
+def error_of(value: np.ndarray, dearest: np.ndarray, own: float) -> float:
     """The estimated relative error of a rung's value: a bound of |value - truth| / |truth| if `own` is one."""
-    gap, size = _size(value - dearest) + own, _size(dearest) - own
-    error = np.divide(gap, size, out=np.full_like(gap, np.inf), where=size > 0)
-    return np.where(np.isnan(error), np.inf, np.where(gap == 0, 0.0, error))
-
-
-def _size(value: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(value, axis=-1)
+    gap, size = float(np.linalg.norm(value - dearest)) + own, float(np.linalg.norm(dearest)) - own
+    if gap == 0:  # nothing is touched: the force is zero on both rungs
+        return 0.0
+    return gap / size if size > 0 and np.isfinite(gap) else np.inf
 
 
 # --- rungs ------------------------------------------------------------------------------------------------------------
@@ -250,9 +263,8 @@ def _shared(simpler: Scene, scene: Scene) -> set[str]:
     """Observables that mean the same in both."""
     known = set(simpler.prepared().OBSERVABLES)
     # A linear finger reports the tip of the free finger beside the force of the blocked one.
-    return (
-        known - {"tip", "tip_angle"} if (type(simpler), type(scene)) == (pneunet.Linear, pneunet.TipContact) else known
-    )
+    mixed = isinstance(simpler, pneunet.Linear) and isinstance(scene, pneunet.TipContact)
+    return known - {"tip", "tip_angle"} if mixed else known
 
 
 def _alone(scene: Scene) -> Iterator[Rung]:
@@ -309,7 +321,7 @@ def _finger(scene: Any) -> Iterator[Rung]:
 
 
 def _stepped(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Rung]:
-    """The same finger with more and more steps: doubled to FINEST_STEPS, or twice its own, and at least once."""
+    """The same finger with more and more steps: doubled to FINEST_STEPS or its own, and at least once."""
     coupled = scene.inclination != "none"
     if isinstance(scene, pneunet.Free) and scene.is_arcs():
         yield Rung(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
@@ -318,10 +330,10 @@ def _stepped(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Ru
     parts = whole.chambers()[0].low.shape[0]
     multiple = whole.shooting == "multiple"  # `steps` are then those of every part
     cost = SECTION_COST[scene.section] * (COUPLING_COST if coupled else 1.0) * share
-    steps, finest, count = (1 if multiple else parts), max(FINEST_STEPS, 2 * scene.steps), 0
+    steps, finest, count = (1 if multiple else parts), max(FINEST_STEPS, scene.steps), 0
     while count < 2 or steps < 2 * finest:
         every = steps * parts if multiple else steps
         words = f"{every} steps" if every > 1 else "1 step"
         finer = dataclasses.replace(scene, steps=steps)
-        yield Rung(finer, left_out, f"{words} along the finger", cost * (PATH_COST + STEP_COST * every))
+        yield Rung(finer, left_out, f"{words} along the finger", cost * (PATH_COST + STEP_COST * every), STEP_GAIN)
         steps, count = 2 * steps, count + 1

@@ -1,0 +1,192 @@
+"""The cheapest rung for a wanted error: its estimate is a bound, and nothing dearer is taken than is needed."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference_beam as ref
+from conftest import ROOT
+from fingers import TYPE_A, MPa, contact, pneunet, stacked
+from helpers import ROD, shell
+
+import softgrip_jax as sg
+from softgrip_jax import fidelity
+from softgrip_jax.cli import run
+from softgrip_jax.units import kPa, mm
+
+OK = int(sg.Status.OK)
+TOLERANCES = (0.3, 0.03, 1e-2, 1e-3, 1e-4, 1e-6)
+
+
+def random_fingers(rng, count):
+    """(scene, pressure in MPa, its dict and loads): builds within 40 %, weights, pulls and offsets, 0.3 to 0.9 of what
+    bends an unloaded finger to its fold."""
+    cases = []
+    while len(cases) < count:
+        f = {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in TYPE_A.items()}
+        stiffness = f["mu"] * f["B"] * f["H"] ** 3 / 3
+        wanted = rng.uniform(0.3, 0.9) * 6.278 * stiffness / f["L"]
+        pressure = ref.pressure_of(f, wanted)
+        size, angle = 10 ** rng.uniform(-4, 0.3) * stiffness / f["L"] ** 3, rng.uniform(0, 2 * np.pi)
+        loads = (
+            rng.uniform(-0.2, 0.2) * f["L"],
+            rng.uniform(-2, 4) * stiffness / f["L"] ** 2,
+            (size * np.cos(angle), size * np.sin(angle)),
+        )
+        cases.append((contact(f, "exact", *loads), pressure, f, loads))
+    return cases
+
+
+def forces(rung_of, cases):
+    """(tip forces, statuses) of the scenes that `rung_of` makes of each case, by one program."""
+    scenes = stacked([rung_of(scene) for scene, *_ in cases])
+    pressures = jnp.asarray([p * MPa for _, p, *_ in cases])
+    answer = jax.jit(lambda *lanes: jax.lax.map(lambda lane: sg.solve(*lane), lanes, batch_size=64))
+    found = answer(scenes, pressures)
+    return np.asarray(found.tip_force), np.asarray(found.status)
+
+
+def compared(cases, kept, truth):
+    """Every lane decided on the rungs `kept` (a test of a rung); returns how often bounds hold, and what was chosen."""
+    ladder = fidelity.rungs(cases[0][0], ["tip_force"])
+    places = [k for k, rung in enumerate(ladder) if kept(rung)]
+    ladders = [fidelity.rungs(scene, ["tip_force"]) for scene, *_ in cases]
+    assert all([r.left_out for r in rungs] == [r.left_out for r in ladder] for rungs in ladders)
+    table = []
+    for k in places:
+        scenes = {id(case[0]): rungs[k].scene for case, rungs in zip(cases, ladders, strict=True)}
+        table.append(forces(lambda scene, scenes=scenes: scenes[id(scene)], cases))
+    kept_rungs = [ladder[k] for k in places]
+    bounded, total, missed, needless = 0, 0, [], []
+    for lane, true in enumerate(truth):
+        if not np.isfinite(true) or table[-1][1][lane] != OK:
+            continue
+
+        def read(k, lane=lane):
+            return fidelity.Reading(table[k][0][lane, None], int(table[k][1][lane]))
+
+        real = np.array([abs(force[lane] / true - 1) if s[lane] == OK else np.inf for force, s in table])
+        _, errors = fidelity.decide(kept_rungs, read, 1e-300)
+        known = [k for k in errors if np.isfinite(errors[k])]
+        bounded += sum(real[k] <= errors[k] for k in known)
+        total += len(known)
+        for tolerance in TOLERANCES:
+            chosen, errors = fidelity.decide(kept_rungs, read, tolerance)
+            if errors[chosen] <= tolerance < real[chosen]:
+                missed.append((lane, tolerance, real[chosen]))
+            if chosen == len(places) - 1 and np.min(real[:-1]) <= tolerance:
+                needless.append((lane, tolerance, real))
+    return bounded, total, missed, needless, len(kept_rungs)
+
+
+def few(rung):
+    """A handful of programs: the linear finger, without the stretch, without the weight, and the dearest two."""
+    kept = [(("stretch of the cover",), "2"), (("weight of the finger",), "8"), ((), "8"), ((), "16")]
+    return rung.numerics == "explicit" or (rung.left_out, rung.numerics.split()[0]) in kept
+
+
+def test_estimates_bound_the_error_at_random_fingers():
+    """Against SciPy, at the tip force; the truth of a few lanes, each by another code, to 1e-9."""
+    cases = random_fingers(np.random.default_rng(3), 8)
+    truth = []
+    for _, p, f, loads in cases:
+        try:
+            truth.append(ref.held_tip(f, "exact", [(f["L"], ref.end_moment(f, p))], *loads)[1])
+        except AssertionError:  # beyond its fold
+            truth.append(np.nan)
+    assert np.sum(np.isfinite(truth)) >= 6
+    bounded, total, missed, needless, rungs = compared(cases, few, truth)
+    assert rungs == 5
+    assert bounded == total
+    assert total > 25
+    assert not missed
+    assert not needless
+
+
+@pytest.mark.slow
+def test_estimates_bound_the_error_at_a_thousand_fingers():
+    """Against twice the steps of the dearest rung, on every rung of the ladder."""
+    cases = random_fingers(np.random.default_rng(4), 1000)
+    truth, status = forces(lambda scene: dataclasses.replace(scene, steps=32), cases)
+    truth = np.where(status == OK, truth, np.nan)
+    bounded, total, missed, needless, rungs = compared(cases, lambda _: True, truth)
+    print(f"{np.sum(status == OK)} fingers with an equilibrium, {rungs} rungs: bounds hold in {bounded} of {total}")
+    print("missed:", missed, "needlessly dear:", needless)
+    assert np.sum(status == OK) > 900
+    assert bounded >= 0.99 * total
+    assert not needless
+
+
+def test_a_choice_says_what_it_leaves_out_and_why():
+    scene = sg.shell.Free(shell())
+    small, large = fidelity.choose(scene, 1 * kPa, 0.1), fidelity.choose(scene, 12 * kPa, 0.1)
+    assert (small.left_out, small.met, type(small.scene)) == (("large strains",), True, sg.shell.Plate)
+    assert (large.left_out, large.met, large.scene) == ((), True, scene)
+    plate, arc = (float(sg.solve(s, 12 * kPa).inflation) for s in (sg.shell.Plate(shell()), scene))
+    assert large.trials[0].error == pytest.approx(abs(plate / arc - 1))
+    assert "left out for 10 % of inflation: large strains (explicit)" in str(small)
+    assert "left out for 10 % of inflation: nothing" in str(large)
+    # An inverse question: whose pressure is how far off?
+    inverse = fidelity.choose(scene, tolerance=0.5, inflation=5 * mm)
+    pressures = [float(sg.pressure_for(s, inflation=5 * mm).pressure) for s in (sg.shell.Plate(shell()), scene)]
+    assert (inverse.observable, inverse.left_out) == ("pressure", ("large strains",))
+    assert inverse.error == pytest.approx(abs(pressures[0] / pressures[1] - 1))
+
+
+def test_without_a_value_nothing_is_left_out():
+    beyond = fidelity.choose(sg.shell.Free(shell()), 500 * kPa, 0.5)
+    assert (int(beyond.solution.status), beyond.left_out, beyond.error) == (int(sg.Status.BEYOND_LIMIT), (), np.inf)
+    assert "BEYOND_LIMIT" in str(beyond)
+    untouched = fidelity.choose(sg.shell.CylinderContact(shell(), **ROD), 1.0)
+    assert (int(untouched.solution.status), untouched.error) == (int(sg.Status.NO_CONTACT), 0.0)
+    # A linear finger is straight below first contact: zero force is right, the tip of a held finger it does not know.
+    linear = fidelity.rungs(contact(TYPE_A, "exact"), ["tip_force"])[0].scene
+    assert isinstance(linear, sg.pneunet.Linear)
+    assert not any(isinstance(r.scene, sg.pneunet.Linear) for r in fidelity.rungs(contact(TYPE_A, "exact"), ["tip"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"observable": "force"}, "Free has no observable 'force'; it has: inflation"),
+        ({"tolerance": 0.0}, "tolerance is 0; it must be a positive finite number"),
+        ({"tolerance": np.nan}, "tolerance is nan; it must be a positive finite number"),
+        ({"pressure": np.array([1e3, 2e3])}, "one known pressure"),
+    ],
+)
+def test_mistakes_are_told(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        fidelity.choose(sg.shell.Free(shell()), **({"pressure": 1e3} | arguments))
+
+
+def test_command_line(capsys):
+    config = str(ROOT / "configs" / "shell_free.toml")
+    assert run(["solve", config, "--tolerance", "30%"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert "left out for 30 % of inflation: large strains (explicit)" in out
+    assert run(["solve", config, "--tolerance", "0.01", "--observable", "stretch", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["fidelity"]["observable"] == "stretch"
+    assert (data["fidelity"]["left_out"], data["fidelity"]["met"]) == ([], True)
+    for wrong in (["--tolerance", "lots"], ["--tolerance", "-1%"], ["--observable", "stretch"]):
+        assert run(["solve", config, *wrong]) == 2
+        assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_rungs_of_every_kind_are_ordered_and_complete():
+    """Cheapest first, the dearest leaves nothing out; each simplification is there alone and with the others."""
+    finger = pneunet(TYPE_A)
+    free = fidelity.rungs(sg.pneunet.Free(finger), ["tip"])
+    assert [r.cost for r in free[:-1]] == sorted(r.cost for r in free[:-1])
+    assert free[-1].left_out == ()
+    assert {len(r.left_out) for r in free} == {0, 1, 2, 3}
+    assert len({r.left_out for r in free}) == 9  # 2^3 and the linear finger
+    assert free[-1].scene.chambers()[1] == 2  # in each of 13 parts; with one step in each the error is estimated
+    energy = fidelity.rungs(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
+    assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
+    assert energy[0].scene.model == "arc"
+    assert len(fidelity.rungs(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1
