@@ -36,7 +36,7 @@ study = sg.Study(
     Grid([Range(8 * mm, 24 * mm).points(49), Range(0.5 * mm, 2 * mm).points(46)]),
 )
 data = study.run()
-data
+print(data)
 
 # %% [markdown]
 # Designs without an answer are told from those with one, and why:

@@ -1,6 +1,7 @@
 """What the documentation shows runs: its Python samples, page by page, and the files and commands that it names."""
 
 import re
+import shlex
 import tomllib
 
 import jax
@@ -51,11 +52,22 @@ def test_what_the_page_names_exists(page):
         tomllib.loads(block)
 
 
-def test_commands_exist():
+SHELL = re.compile(r"^    softgrip (.*?)(?: *#.*| > .*)?$", re.MULTILINE)
+LINES = sorted({line for page in PAGES for line in SHELL.findall(text_of(page))})
+
+
+@pytest.mark.parametrize("line", LINES)
+def test_commands_are_understood(line):
+    """Every command with its arguments and options, parsed and not run."""
     import typer
 
     from softgrip_jax.cli import app
 
-    known = set(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
-    used = {c for page in PAGES for c in re.findall(r"(?:^    |`)softgrip ([a-z]+)", text_of(page), re.MULTILINE)}
-    assert {"solve", "sweep", "design", "calibrate", "sensitivity"} <= used <= known
+    name, *arguments = shlex.split(line)
+    command = typer.main.get_command(app).commands[name]  # type: ignore[attr-defined]
+    command.make_context(name, arguments)
+
+
+def test_commands_are_found():
+    named = {line.split()[0] for line in LINES}
+    assert named >= {"new", "solve", "path", "sweep", "design", "calibrate", "sensitivity"}
