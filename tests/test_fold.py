@@ -74,7 +74,9 @@ def fold_pressure(f, moment):
     return brentq(lambda p: end_moment(f, p) - wanted, 0.02, 0.1, xtol=1e-15, rtol=1e-14)
 
 
-@pytest.mark.parametrize("law", PUBLISHED)
+@pytest.mark.parametrize(
+    "law", ["exact", *(pytest.param(law, marks=pytest.mark.slow) for law in ("thesis", "inextensible"))]
+)
 def test_limit_pressure_is_where_the_end_moment_is_largest(law):
     limits, solutions = up_to_the_limit(law, [("A", 0.0), ("B", 0.0)])
     moment, angle = largest_moment(law)
