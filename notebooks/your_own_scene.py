@@ -14,8 +14,8 @@
 # # Your own scene
 #
 # A gripper that the package does not know: a **round pad**, a circular membrane of radius $a$ that is pressed
-# against a plane at the distance $d$. Two fields, the equations for *one* point, and a list of what is observed, are
-# all that it takes. Everything else (statuses, exact derivatives, batches, the inverse problem, the limit point,
+# against a plane at the distance $d$. A few fields, the equations for *one* point, and a list of what is observed,
+# are all that it takes. Everything else (statuses, exact derivatives, batches, the inverse problem, the limit point,
 # configs, the command line and the design search) comes from the base class. No other file is touched.
 #
 # The physics, in the manner of the thesis's square membrane (its equations 3.8, 3.9, 3.11 and 4.7): the profile is
