@@ -197,8 +197,8 @@ def _written(key: configs.Key, value: Any) -> str:
     )
 
 
-def _decimals(value: np.ndarray) -> str:
-    if value.ndim:
+def _decimals(value: Any) -> str:
+    if np.ndim(value):
         return "[" + ", ".join(_decimals(v) for v in value) + "]"
     return f"{float(value):.12g}"
 

@@ -131,7 +131,8 @@ def _reach(found: Fingers) -> list[Row]:
         status = np.asarray(found.free[kind].status)
         ours = PRESSURES[status == Status.OK].max()
         reason = (
-            "in steps of ten; ours is no limit of the equations: our search for the inclination of the walls begins with "
+            "in steps of ten; ours is no limit of the equations: our search for the inclination of the walls begins "
+            "with "
             "parallel ones, and what these and the weight ask of the cover is more than the printed law can carry"
         )
         rows.append(number("section 6.3.1", f"type {kind} in free space is predicted up to", printed, ours, reason))

@@ -1,0 +1,81 @@
+"""softgrip path: tables, pictures, animations and exit codes."""
+
+import csv
+import json
+
+import pytest
+from conftest import ROOT
+from PIL import Image
+
+import softgrip_jax as sg
+from softgrip_jax import thesis
+from softgrip_jax.cli import MISTAKE, NO_ANSWER, run
+from softgrip_jax.units import kPa, mm
+
+CYLINDER = str(ROOT / "configs" / "shell_cylinder.toml")
+FREE = str(ROOT / "configs" / "shell_free.toml")
+
+
+def test_the_table_is_what_solve_says_row_by_row(tmp_path, capsys):
+    file = tmp_path / "curve.csv"
+    assert run(["path", CYLINDER, "--to-kPa", "25", "--points", "6", "--csv", str(file)]) == 0
+    assert capsys.readouterr() == ("", "")
+    rows = list(csv.DictReader(file.read_text().splitlines()))
+    assert [float(row["pressure_kPa"]) for row in rows] == [0, 5, 10, 15, 20, 25]
+    assert [row["status"] for row in rows] == ["NO_CONTACT", "OK", "OK", "OK", "OK", "BEYOND_LIMIT"]
+    assert float(rows[3]["force_z_N"]) == pytest.approx(thesis.FIGURE_5_3.value, rel=5e-3)
+    for row in rows[1:5]:
+        state = sg.solve(thesis.cylinder_contact(), float(row["pressure_kPa"]) * kPa)
+        assert float(row["flat_length_mm"]) == pytest.approx(float(state.flat_length) / mm, rel=1e-9)
+    assert rows[0]["force_N"] == "0"
+    assert rows[5]["force_N"] == ""
+
+
+def test_without_an_end_the_curve_goes_to_the_limit_and_with_through_limit_beyond(capsys):
+    assert run(["path", FREE, "--points", "5", "--json"]) == 0
+    rising = json.loads(capsys.readouterr().out)
+    limit = float(sg.limit_pressure(thesis.free_shell()))
+    assert rising["pressure"][-1] == pytest.approx(limit, rel=1e-12)
+    assert rising["units"]["inflation"] == "m"
+    assert run(["path", FREE, "--points", "60", "--through-limit"]) == 0
+    rows = list(csv.DictReader(capsys.readouterr().out.splitlines()))
+    pressures = [float(row["pressure_kPa"]) for row in rows]
+    top = pressures.index(max(pressures))
+    assert 0 < top < len(rows) - 1
+    assert max(pressures) * kPa == pytest.approx(limit, rel=1e-2)
+    assert pressures[-1] < pressures[top]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--from-kPa", "30", "--to-kPa", "40", "--points", "3"], NO_ANSWER, "There is no state on this curve"),
+        (["--from-kPa", "20", "--to-kPa", "10"], MISTAKE, "--from-kPa is 20, the curve ends at 10 kPa; it must rise"),
+        (["--from-kPa", "-1"], MISTAKE, "--from-kPa is -1.0; it must be"),
+        (["--points", "1"], MISTAKE, "--points"),
+        (["--observable", "force"], MISTAKE, "--observable is 'force'; it must be one of force_N, force_z_N"),
+        (["--plot", "curve.jpg"], MISTAKE, "--plot is 'curve.jpg'; it must be a file that ends in .png, .pdf or .svg"),
+        (["--animate", "a.mp4"], MISTAKE, "--animate is 'a.mp4'; it must be a file that ends in .gif"),
+        (["--csv", "no/such/folder/curve.csv"], MISTAKE, "a file cannot be written there"),
+    ],
+)
+def test_exit_codes(arguments, code, words, capsys):
+    assert run(["path", CYLINDER, *arguments]) == code
+    err = capsys.readouterr().err
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_pictures_and_animation(tmp_path):
+    plot, gif = tmp_path / "curve.png", tmp_path / "inflation.gif"
+    arguments = ["--to-kPa", "20", "--points", "5", "--plot", str(plot), "--animate", str(gif)]
+    assert run(["path", CYLINDER, *arguments]) == 0
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    with Image.open(gif) as animation:
+        # Four pressures touch; the last one stays for a second.
+        assert animation.n_frames == 4
+        first = animation.convert("RGB").tobytes()
+        animation.seek(3)
+        assert animation.convert("RGB").tobytes() != first
+        assert animation.info["duration"] >= 900
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["curve.png", "inflation.gif"]

@@ -1,0 +1,109 @@
+"""Starters for every scene, and the schema by which editors check configs."""
+
+import contextlib
+import io
+import json
+import re
+import tomllib
+
+import jsonschema
+import pytest
+from conftest import ROOT
+
+from softgrip_jax import config as configs
+from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.errors import ConfigError
+from softgrip_jax.scene import Scene
+from softgrip_jax.starter import documented, starter
+
+TYPES = [name for name, cls in configs.classes_of((Scene,)).items() if cls.__module__.startswith("softgrip_jax.")]
+
+
+@pytest.fixture(scope="module")
+def validator():
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text):
+        assert run(["schema"]) == 0
+    schema = json.loads(text.getvalue())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_a_starter_of_every_scene_loads_and_says_every_key(name, tmp_path, validator):
+    file = tmp_path / "mine.toml"
+    file.write_text(starter(name))
+    read = configs.load(file)
+    cls = configs.classes_of((Scene,))[name]
+    assert type(read.scene) is cls
+    configs.question(read)
+    assert list(validator.iter_errors(tomllib.loads(file.read_text()))) == []
+    for key in configs.keys_of(cls).values():
+        assert f"{key.key} =" in file.read_text() or f".{key.key}]" in file.read_text()
+
+
+@pytest.mark.parametrize("name", ["shell.Grasp", "shell.InclinedContact", "pneunet.Free", "pneunet.Grasp"])
+def test_what_is_in_comments_is_what_holds_without_it(name, tmp_path):
+    """Optional keys taken out of their comments give the same scene."""
+    text = starter(name).split("\n# Without [solve]")[0].split("\n[solve]")[0]
+    skipped = ("# preset", "# tip_offset", "# stand_distance")  # not a value, or None by default
+    optional = [line for line in text.splitlines() if re.match(r"# \w+ = ", line) and not line.startswith(skipped)]
+    lines = [line[2:] if line in optional else line for line in text.splitlines()]
+    plain, full = tmp_path / "plain.toml", tmp_path / "full.toml"
+    plain.write_text(text)
+    full.write_text("\n".join(lines))
+    assert full.read_text() != text
+    scenes = [configs.load(file).scene for file in (plain, full)]
+    assert configs.dump(scenes[0]) == configs.dump(scenes[1])
+
+
+def test_words_of_fields_come_from_docstrings():
+    grasp = configs.classes_of((Scene,))["shell.Grasp"]
+    words = documented(grasp)
+    assert words["fingers"] == "shells that share the weight (2 in a parallel gripper)"
+    # "as in CylinderContact" in the docstring of Grasp: what that one says.
+    assert words["gap"].startswith("d - r, its distance from the membrane")
+
+
+def test_new_writes_once_and_names_what_exists(tmp_path, capsys):
+    file = tmp_path / "mine.toml"
+    assert run(["new", "shell.Free", str(file)]) == 0
+    assert run(["new", "shell.Free", str(file)]) == MISTAKE
+    assert "exists already" in capsys.readouterr().err
+    assert run(["new", "shell.Fre"]) == MISTAKE
+    assert capsys.readouterr().err == "TYPE is 'shell.Fre'; did you mean 'shell.Free'?\n"
+    with pytest.raises(ConfigError):
+        starter("nothing of the kind")
+    assert run(["new"]) == 0
+    listed = capsys.readouterr().out
+    assert all(name in listed for name in TYPES)
+    assert list(tmp_path.iterdir()) == [file]
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "configs").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_sample_config_is_valid(file, validator):
+    assert [error.message for error in validator.iter_errors(tomllib.loads(file.read_text()))] == []
+
+
+@pytest.mark.parametrize(
+    ("config", "old", "new"),
+    [
+        ("shell_cylinder", "radius_mm = 20", "radius_mm = -20"),
+        ("shell_cylinder", "radius_mm = 20", "radius_cm = 2"),
+        ("shell_cylinder", "gap_mm = 5", ""),
+        ("shell_cylinder", "shell.CylinderContact", "shell.Cylinder"),
+        ("shell_cylinder", "dragon_skin_20_shell", "dragon_skin_21"),
+        ("finger_grasp", 'section = "exact"', 'section = "precise"'),
+        ("finger_grasp", "[2, 0]", "[2]"),
+        ("shell_grasp", 'minimise = "pressure_kPa"', 'minimize = "pressure_kPa"'),
+        ("shell_grasp", "[design]", "[desing]"),
+    ],
+)
+def test_a_mistake_is_seen_by_schema_and_command(config, old, new, validator, tmp_path, capsys):
+    text = (ROOT / "configs" / f"{config}.toml").read_text()
+    assert old in text
+    file = tmp_path / "bad.toml"
+    file.write_text(text.replace(old, new, 1))
+    assert list(validator.iter_errors(tomllib.loads(file.read_text())))
+    assert run(["design" if "[design]" in file.read_text() else "solve", str(file)]) == MISTAKE
+    assert capsys.readouterr().err
