@@ -13,7 +13,10 @@ from rich.console import Console
 
 import softgrip_jax as sg
 from optim.run import run_design
+from softgrip_jax import thesis
+from softgrip_jax.plots import animate
 from softgrip_jax.plots.figures import BLUE, BODY, ORANGE, STYLE, VERMILION
+from softgrip_jax.reproduce import run_reproduce
 from softgrip_jax.units import kPa
 
 HERE = Path(__file__).resolve().parent
@@ -58,7 +61,23 @@ def shell_grasp() -> None:
         (IMAGES / "shell_grasp.png").write_bytes((out / "before_after.png").read_bytes())
 
 
+def reproduction() -> None:
+    """The page of the comparison with the thesis, and its pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "run"
+        run_reproduce(out, Console())
+        (HERE / "reproduction.md").write_bytes((out / "reproduction.md").read_bytes())
+        for picture in (out / "images").iterdir():
+            (IMAGES / picture.name).write_bytes(picture.read_bytes())
+
+
+def inflation() -> None:
+    """The shell of the thesis closes around its cylinder."""
+    animate(thesis.cylinder_contact(), np.linspace(2.4, 20, 30) * kPa, IMAGES / "inflation.gif")
+
+
+MAKE = {"fold": fold, "shell_grasp": shell_grasp, "reproduction": reproduction, "inflation": inflation}
+
 if __name__ == "__main__":
-    wanted = sys.argv[1:] or ["fold", "shell_grasp"]
-    for name in wanted:
-        {"fold": fold, "shell_grasp": shell_grasp}[name]()
+    for name in sys.argv[1:] or MAKE:
+        MAKE[name]()
