@@ -243,7 +243,7 @@ def _trends(found: Fingers) -> list[Row]:
             "figure 6.13",
             "every type bends more with more pressure",
             f"type B {in_units(found.free['B'].tip_angle[0], 'angle')} at 11 kPa, "
-            f"{in_units(found.free['B'].tip_angle[5], 'angle')} at 61 kPa",
+            f"{in_units(found.free['B'].tip_angle[4], 'angle')} at 51 kPa",
             all(rising(found.free[k].tip_angle) for k in thesis.KINDS),
         ),
         statement(

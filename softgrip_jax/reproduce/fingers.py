@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -92,15 +93,17 @@ def compute() -> Fingers:
             blocked.add(f"{kind} L {length / mm:.0f}", [thesis.blocked_finger(kind, 0.0, length)], [PRESSURES[AT_31]])
     tips = blocked.solve(timed=True)
     limits = np.asarray(jax.jit(jax.vmap(limit_pressure))(stacked(lanes))).reshape(len(thesis.KINDS), -1)
-    stretch = max(_largest_stretch(tips[f"{kind} {offset / mm:.0f}"]) for kind in "A" for offset in thesis.TIP_OFFSETS)
+    stretch = _largest_stretch([tips[f"{kind} {y / mm:.0f}"] for kind in thesis.KINDS for y in thesis.TIP_OFFSETS])
     held, needed = _grasps()
     by_kind = dict(zip(thesis.KINDS, limits, strict=True))
     return Fingers(found, unstretched.solve(), free_shape, tips, stretch, by_kind, held, needed, blocked.seconds)
 
 
-def _largest_stretch(solution: Solution) -> float:
-    stretch = np.max(np.asarray(jax.jit(lambda s: s.shape(NODES))(solution)["stretch"]), axis=1)
-    return float(np.max(stretch[np.asarray(solution.status) == Status.OK]))
+def _largest_stretch(solutions: Sequence[Solution]) -> float:
+    """Of all states that exist; the solutions are of one size, so that one program does."""
+    stretches = jax.jit(lambda solution: solution.shape(NODES)["stretch"])
+    found = [np.asarray(stretches(s))[np.asarray(s.status) == Status.OK] for s in solutions]
+    return max(float(stretch.max()) for stretch in found if stretch.size)
 
 
 def _grasps() -> tuple[Solution, dict[str, np.ndarray]]:
