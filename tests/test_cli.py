@@ -117,3 +117,20 @@ def test_console_script():
     done = subprocess.run([script, "solve", "--help"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0
     assert "--pressure-kPa" in done.stdout
+
+
+def test_a_linear_finger_by_hand_and_its_picture(tmp_path, capsys):
+    """Type A at 20 kPa: the tip force is 3 M_T / (2 L), the angle M_T L / EI, EI = mu B H^3 / 3."""
+    picture = tmp_path / "linear.png"
+    code, data = solved(capsys, CONFIGS / "finger_linear.toml", "--plot", str(picture))
+    seen = data["observables"]
+    assert (code, data["status"]) == (0, "OK")
+    assert seen["tip_force"] == pytest.approx(1.5 * seen["end_moment"] / 0.077)
+    assert seen["tip_angle"] == pytest.approx(seen["end_moment"] * 0.077 * 3 / (136e3 * 0.02 * 0.005**3))
+    assert picture.stat().st_size > 10_000
+
+
+def test_what_nothing_is_drawn_of_is_one_sentence(tmp_path, capsys):
+    assert run(["solve", str(CONFIGS / "finger_chamber.toml"), "--plot", str(tmp_path / "chamber.png")]) == 2
+    assert capsys.readouterr().err.strip() == "--plot: There is no picture of a Chamber yet."
+    assert not list(tmp_path.iterdir())

@@ -87,7 +87,11 @@ def solve(
     if plot is not None:
         from ..plots import draw
 
-        write_file(plot, lambda path: draw(solution).savefig(path))
+        try:
+            picture = draw(solution)
+        except ValueError as error:  # a scene that nothing is drawn of
+            raise ConfigError(f"--plot: {error}") from None
+        write_file(plot, picture.savefig)
 
 
 @app.command()

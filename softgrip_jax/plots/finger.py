@@ -21,6 +21,7 @@ from ..objects import HexagonalCylinder, Taper, ThreeFaceCone
 from ..pneunet.finger import PneuNet
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.grasp import Grasp
+from ..pneunet.linear import Linear
 from ..pneunet.scenes import HeldTip
 from ..results import Solution
 from ..units import mm
@@ -111,12 +112,13 @@ def as_is(points: np.ndarray) -> np.ndarray:
     return points
 
 
+@paints(Linear, "along the finger, x (mm)", vertical="y (mm)")
 @paints(FingerScene, "along the finger, x (mm)", vertical="y (mm)")
 def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
     scene: Any = solution.scene
     (ax,) = axes
     finger, line = scene.finger, line_of(solution)
-    angle = float(scene.clamp())
+    angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
     paint_finger(ax, finger, straight(finger, angle), as_is, bare=True)
     paint_finger(ax, finger, line, as_is)
     _paint_clamp(ax, finger, angle)
