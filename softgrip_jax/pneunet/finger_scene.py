@@ -36,6 +36,10 @@ ROUGH_STEPS = 2
 One would do at half the fold, but has folds of its own near it."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
+WIDEST = 1.0
+"""rad: walls that incline this much press on each other no more in any finger of the thesis."""
+SETTLED = 1e-6
+"""rad: a root of the inclination moves less than this in another Newton step."""
 LARGEST_GROWTH = 4.0
 """Single shooting up to e^4 = 55: rounding then stays near 1e-14 at the tip."""
 RESTARTS = 8
@@ -209,10 +213,20 @@ class FingerScene(PathScene):
             args = (self, pressure, cover, state, part)
             fixed = lax.stop_gradient(args)
             low = jnp.zeros_like(pressure)
+
+            def excess(angle):
+                """The mismatch; where the section has no state for so much moment the walls must incline more."""
+                missing = mismatch(angle, fixed)
+                return jnp.where(jnp.isfinite(missing), missing, -1.0)
+
             # The walls push less the more they incline, so the turn without inclination is an upper bound.
-            high = -mismatch(low, fixed)
-            root = bracketed_root(lambda angle: mismatch(angle, fixed), low, jnp.maximum(high, low))
-            inclination = jnp.where(high > 0, implicit(mismatch, root.x, args, in_scan=True), 0.0)
+            turn = -mismatch(low, fixed)
+            high = jnp.where(jnp.isfinite(turn), turn, WIDEST)
+            root = bracketed_root(excess, low, jnp.maximum(high, low)).x
+            inclination = implicit(mismatch, root, args, in_scan=True)
+            # Its Newton step goes nowhere from a root, and away from the border of the states, where there is none.
+            inclination = jnp.where(jnp.abs(inclination - root) < SETTLED, inclination, jnp.nan)
+            inclination = jnp.where(high > 0, inclination, 0.0)
             return -self.push(part.chamber, pressure, inclination)
 
         return coupled, parts
