@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import reference_beam as ref
 from fingers import TYPE_A, contact, free, pneunet, solved, stacked
 
@@ -95,6 +96,7 @@ def test_soft_and_heavy_finger_hangs_past_vertical():
     assert found["tip_angle"][1] > np.pi / 2
 
 
+@pytest.mark.slow
 def test_grasps_without_an_answer_leave_their_neighbours_alone():
     held = [(18.0, 26.0, 0.96), (18.0, 5000.0, 0.96), (18.0, 26.0, 1e-4), (90.0, 26.0, 0.96), (18.5, 30.0, 0.8)]
 
