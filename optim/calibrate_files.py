@@ -1,13 +1,7 @@
-"""What every calibration writes: a material for other configs, and by what it was made."""
+"""What every calibration writes: a material for other configs, and where it comes from."""
 
 from __future__ import annotations
 
-import platform
-import time
-from typing import Any
-
-import jax
-import numpy as np
 import tomli_w
 
 import softgrip_jax as sg
@@ -24,16 +18,3 @@ def material_text(material: Material, comment: str) -> str:
     """A file with the section [material], for `material = "..."` in a config."""
     table = {"material": configs.to_table(material, (Material,))}
     return "".join(f"# {line}\n" for line in comment.splitlines()) + tomli_w.dumps(table)
-
-
-def made() -> dict[str, Any]:
-    """When and by what."""
-    return {
-        "finished": time.strftime("%Y-%m-%dT%H:%M:%S%z"),
-        "versions": {
-            "softgrip_jax": sg.__version__,
-            "jax": jax.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-        },
-    }

@@ -24,9 +24,10 @@ from softgrip_jax.units import DISPLAY, unit_key
 
 from . import calibrate_settings as settings
 from .calibrate import Fit, calibrate
-from .calibrate_files import made, material_text, provenance
+from .calibrate_files import material_text, provenance
 from .calibrate_report import Findings, autocorrelation, examine, is_determined, report
 from .curve_files import Curve
+from .records import versions
 from .run import new_folder
 from .tension import material_of
 from .tension_run import run_tension
@@ -147,7 +148,7 @@ def _summary(findings: Findings) -> dict[str, Any]:
         "remarks": list(findings.remarks),
         "loss": fit.fitting.loss,
         "steps": fit.steps,
-        **made(),
+        **versions(),
     }
 
 

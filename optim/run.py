@@ -31,7 +31,7 @@ from . import settings
 from .front_run import run_front
 from .objectives import Goal, Problem
 from .records import design_row, in_si, versions, write_csv
-from .search import ACTIVE, FEASIBLE, SearchResult, search
+from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
 
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""

@@ -39,10 +39,11 @@ from softgrip_jax.sections import Table
 from softgrip_jax.units import kPa
 
 from .calibrate import Fit, calibrate, finished, with_noise
-from .calibrate_files import made, material_text, provenance
+from .calibrate_files import material_text, provenance
 from .calibrate_settings import ColumnTable, column, read_specimens
 from .curve_files import Curve
 from .fitting import Fitting
+from .records import versions
 from .run import new_folder
 from .tension import BEYOND, CANDIDATES, Softening, Tension, candidate, softening
 from .variables import to_free
@@ -328,7 +329,7 @@ def _summary(found: Comparison, remarks: list[str]) -> dict[str, Any]:
         "materials": {judged.name: one(judged) for judged in found.judged},
         "neo_hookean_mu": [dataclasses.asdict(window) for window in found.windows],
         "remarks": remarks,
-        **made(),
+        **versions(),
     }
 
 

@@ -1,5 +1,6 @@
 """The limit point of a held finger: its pressure, the curve through it, and no loop on the way there."""
 
+import dataclasses
 from functools import cache
 
 import jax
@@ -83,7 +84,7 @@ def test_limit_pressure_is_where_the_end_moment_is_largest(law):
     assert moment == pytest.approx(PUBLISHED[law][0], abs=1e-3)
     assert limits[0] * 1e3 == pytest.approx(PUBLISHED[law][1], abs=0.06)
     for kind, limit in zip("AB", limits, strict=True):
-        assert limit == pytest.approx(fold_pressure(TYPES[kind], moment), rel=1e-7)
+        assert limit == pytest.approx(fold_pressure(TYPES[kind], moment), rel=1e-8)
     below, above = solutions.status[:, -2], solutions.status[:, -1]
     assert np.all(below == sg.Status.OK)
     assert np.all(above == sg.Status.BEYOND_LIMIT)
@@ -138,7 +139,8 @@ def test_every_tip_offset_of_every_type_is_the_end_of_a_ramp_from_zero(kind):
 
 def test_branch_shows_the_fold_and_what_is_behind_it():
     cases = [(kind, offset) for kind in TYPES for offset in (-20.0, -10.0, 0.0, 10.0, 20.0)]
-    scenes = [contact(TYPES[kind], "exact", offset=offset) for kind, offset in cases]
+    # 16 steps: behind the fold the default's 12 leave 2e-7 of EI/L at the tip.
+    scenes = [dataclasses.replace(contact(TYPES[kind], "exact", offset=offset), steps=16) for kind, offset in cases]
     points = jax.tree.map(np.asarray, jax.jit(jax.vmap(lambda scene: sg.branch(scene, 120)))(stacked(scenes)))
     limits, _ = up_to_the_limit("exact", cases)
     for i, case in enumerate(cases):
@@ -166,7 +168,7 @@ def test_branch_shows_the_fold_and_what_is_behind_it():
         start = [0.0, points.unknowns[i, k, 0] * unit, 0.0, 0.0]
         part = [(f["L"], end_moment(f, points.pressure[i, k] / MPa))]
         tip = integrate(f, "exact", part, start, ((0.0, points.tip_force[i, k]), (0.0, 0.0)), HELD_TO)[-1]
-        assert abs(tip[1]) < 1e-6 * unit
-        assert abs(tip[3]) < 1e-6
+        assert abs(tip[1]) < 1e-7 * unit
+        assert abs(tip[3]) < 1e-7
         np.testing.assert_allclose(tip[2:], points.tip[i, k] / mm, atol=1e-6)
         assert points.tip_angle[i, k] == pytest.approx(-tip[0], rel=1e-7)

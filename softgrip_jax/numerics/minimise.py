@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
+
+from .roots import select
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
@@ -174,8 +175,8 @@ def minimise(
             active=~last,
             reached=last,
         )
-        arrived = _pick(there, again, ahead)
-        new = _pick(settled, arrived, _pick(stuck, back, _pick(taken, onward, shorter)))
+        arrived = select(there, again, ahead)
+        new = select(settled, arrived, select(stuck, back, select(taken, onward, shorter)))
         return new._replace(count=state.count + 1)
 
     def busy(state: _State) -> Bool[Array, ""]:
@@ -206,7 +207,3 @@ def minimise(
     state = towards(start, start_load, slope, largest, state)
     state = lax.while_loop(busy, body, state)
     return Minimum(state.rounds, state.kept, state.kept_load, state.reached, state.lost, state.count)
-
-
-def _pick(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .roots import implicit, solve_small
+from .roots import implicit, select, solve_small
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
@@ -209,8 +209,8 @@ def follow(
         # At the goal one correction remains; a limit point is looked for again from the last point before it.
         arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
         near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
-        near_end = _pick(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True))
-        begin = _pick((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
+        near_end = select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True))
+        begin = select((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
         accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
         found = _walk(lambda u: residual(u, fine), begin, start, lambda u: goal(u, fine), accuracy)
         return (found, count + found.count), None
@@ -226,10 +226,6 @@ def _begin(u: Vector) -> Search:
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + FIRST_STEP
     return Search(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, mode, count)
-
-
-def _pick(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
-    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 def _walk(residual: Residual, start: Search, fresh: Search, goal: Goal, accuracy: Accuracy) -> Search:
@@ -254,10 +250,10 @@ def _walk(residual: Residual, start: Search, fresh: Search, goal: Goal, accuracy
         stepped = _after_step(search, new, good, goal)
         folding = _after_fold_trial(search, new, good, goal, accuracy.flat)
         reached = _after_goal_trial(search, new, good)
-        chosen = _pick(search.mode == STEPPING, stepped, _pick(to_goal, reached, folding))
+        chosen = select(search.mode == STEPPING, stepped, select(to_goal, reached, folding))
         chosen = chosen._replace(count=search.count + 1)
         astray = (lent & ~good) | (search.lent & (chosen.mode == ENDED))
-        return _pick(astray, fresh, chosen)
+        return select(astray, fresh, chosen)
 
     return lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, start)
 
@@ -289,13 +285,13 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
     again = search._replace(length=shorter, mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING))
 
     past = goal(new.u) >= 0
-    result = _pick(new.tangent[-1] <= 0, fold, _pick(past, _pick(first, at_once, aimed), ahead))
-    return _pick(good, result, again)
+    result = select(new.tangent[-1] <= 0, fold, select(past, select(first, at_once, aimed), ahead))
+    return select(good, result, again)
 
 
 def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     reached = search._replace(found=new, mode=jnp.asarray(REACHED))
-    return _pick(good, reached, _step_again(search))
+    return select(good, reached, _step_again(search))
 
 
 def _step_again(search: Search) -> Search:
@@ -322,7 +318,7 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: G
     side = jnp.where(rising, 1, -1)
     again = jnp.where(side == search.rose, 0.5, 1.0)
     inner = search._replace(
-        far=_pick(rising, search.far, new),
+        far=select(rising, search.far, new),
         low=jnp.where(rising, search.length, search.low),
         high=jnp.where(rising, search.high, search.length),
         rise_low=jnp.where(rising, rise, again * search.rise_low),
@@ -336,7 +332,7 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: G
     at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
     over = goal(new.u) >= 0
     aimed, stopped = _to_goal(at_fold, goal), at_fold._replace(mode=jnp.asarray(FOLD))
-    finished = _pick(over, aimed, stopped)
+    finished = select(over, aimed, stopped)
     back = _step_again(search)
     return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 MAX_BRACKET_STEPS = 100
 """Bisection alone halves a bracket to the last bit of a double in about 60 steps (more for a root at zero);
@@ -81,6 +81,11 @@ def bracketed_root(
     x, _, _, _, fy, _, _, _, best, _, count = lax.while_loop(busy, step, start)
     # One side never evaluated: no change of sign was seen, and x has run to that end.
     return Root(jnp.where(jnp.isnan(fy), x, best), count)
+
+
+def select(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
+    """The tree a where the condition holds, else b."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)
 
 
 def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:

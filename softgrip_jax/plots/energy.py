@@ -61,7 +61,8 @@ def _compose(solution: Solution) -> Figure:
     if "contact_pressure" in maps:
         shown.insert(0, ("contact_pressure", "contact pressure (kPa)", kPa, "magma_r"))
     figure = Figure(figsize=(WIDTH, 2.1 + 2.0 * len(shown)))
-    above, below = figure.subfigures(2, 1, height_ratios=[1.0, 0.85 * len(shown)])
+    halves: Any = figure.subfigures(2, 1, height_ratios=[1.0, 0.85 * len(shown)])
+    above, below = halves
     spans = [float(scene.shell.b), float(scene.shell.a)]
     sections = above.subplots(1, 2, sharey=True, width_ratios=[spans[0] + 2 * RIM * mm, spans[1] + 2 * RIM * mm])
     _paint(solution, list(sections))
