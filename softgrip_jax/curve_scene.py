@@ -20,11 +20,11 @@ Scalar = Float[Array, ""]
 
 
 class Climb(NamedTuple):
-    """The rising part of a scene's load curve, values only."""
+    """A scene's load curve as it was sampled, values only."""
 
     scan: Scan
-    stop: Scalar
-    """The angle where it ends: the first maximum of the load, or the end of the interval."""
+    end: Scalar
+    """The angle where the interval ends."""
     possible: Bool[Array, ""]
 
 
@@ -55,7 +55,7 @@ class CurveScene(Scene):
         return jnp.asarray(False)
 
     def may_dip(self) -> bool:
-        """Whether the load may fall and rise again within a small angle (never with a neo-Hookean membrane)."""
+        """Whether the load may fall and rise again. A neo-Hookean membrane's has one maximum at most."""
         return True
 
     def residual(self, unknowns, pressure):
@@ -64,13 +64,24 @@ class CurveScene(Scene):
     def climb(self) -> Climb:
         """Look at the load curve once; every question starts from this."""
         start, end = self.interval()
-        scan = scan_curve(self.load, start, end, dips=self.may_dip())
-        stop = jnp.where(scan.falls, first_maximum(self.load, scan), end)
-        return Climb(scan, stop, admissible(self) & self.is_possible() & (start < end))
+        scan = scan_curve(self.load, start, end, "dips" if self.may_dip() else "single")
+        return Climb(scan, end, admissible(self) & self.is_possible() & (start < end))
+
+    def stop(self, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
+        """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
+
+        Where it is not `wanted` a place before the maximum does, which costs nothing.
+        """
+        scan = climb.scan
+        wanted = wanted & scan.falls
+        peak = first_maximum(self.load, scan, wanted)
+        return jnp.where(wanted, peak, jnp.where(scan.falls, scan.x[scan.sure], climb.end))
 
     def find(self, pressure):
-        scan, stop, possible = self.climb()
+        climb = self.climb()
+        scan, possible = climb.scan, climb.possible
         start, low = scan.x[0], scan.y[0]
+        stop = self.stop(climb, ~(scan.y[scan.sure] > pressure))
         crossing = first_crossing(self.load, pressure, scan.x, scan.y, stop)
         status = jnp.where(crossing.exists, Status.OK, Status.BEYOND_LIMIT)
         status = jnp.where(pressure <= low, Status.NO_CONTACT if self.CONTACT else Status.OK, status)
@@ -82,7 +93,8 @@ class CurveScene(Scene):
         return self.load(self.interval()[0])
 
     def find_limit(self):
-        scan, stop, possible = self.climb()
+        climb = self.climb()
+        scan, stop, possible = climb.scan, self.stop(climb), climb.possible
         endless = self.unbounded() & ~scan.falls
         pressure = jnp.where(endless, jnp.inf, self.load(stop))
         status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
@@ -102,7 +114,8 @@ class CurveScene(Scene):
         def wanted(scene, angle):
             return scene.observe(angle, scene.load(angle))[name]
 
-        scan, stop, possible = fixed.climb()
+        climb = fixed.climb()
+        scan, stop, possible = climb.scan, fixed.stop(climb), climb.possible
         start = scan.x[0]
         seen = jax.vmap(lambda angle: wanted(fixed, angle))(scan.x)
         crossing = first_crossing(lambda angle: wanted(fixed, angle), value, scan.x, seen, stop)

@@ -34,14 +34,12 @@ from . import config as configs
 from .errors import ConfigError
 from .folders import free_name, write_whole
 from .leaves import Leaf
+from .progress import LINE_SECONDS
 from .results import Status, in_units
 from .sections import Table, Varied, quantity, states_of, varied
 from .study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
 from .study import Table as TableOfDesigns
 from .study.dataset import status_name
-
-LINE_SECONDS = 10.0
-"""Between two lines of progress where there is no terminal."""
 
 
 class VariableTable(Table):

@@ -65,22 +65,13 @@ LONG = {
     "grasp": (grasp, required_pressure, 1.0),
     "free-segment": (lambda: free(weight=(0, 0)), observed(*BENT), 28 * kPa),
     "free-weight": (lambda: free(weight=(0.3, -1.5), inclination="none"), observed(*BENT[:-1]), 24 * kPa),
+    "contact-segment": (lambda: contact(inclination="segment"), observed(*HELD), 28 * kPa),
     "free-weight-segment": (lambda: free(weight=(0.3, -1.5)), observed(*BENT), 28 * kPa),
 }
 """Minutes to compile, each."""
 
 
-SECOND = pytest.mark.xfail(strict=True, reason="second derivatives of coupled parts under loads: see pneunet.Free")
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        *CASES,
-        *(pytest.param(name, marks=pytest.mark.slow) for name in LONG if name != "free-weight-segment"),
-        pytest.param("free-weight-segment", marks=[pytest.mark.slow, SECOND]),
-    ],
-)
+@pytest.mark.parametrize("name", [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in LONG)])
 def test_forward_reverse_and_differences_agree_beside_lanes_without_a_solution(name):
     make, values, number = (CASES | LONG)[name]
     leaves, rebuild = ravel_pytree(make())

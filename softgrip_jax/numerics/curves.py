@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .roots import bracketed_root
+from .roots import bracketed_root, newton_bracketed
 
 Scalar = Float[Array, ""]
 Samples = Float[Array, " n"]
@@ -22,6 +22,9 @@ Function = Callable[[Scalar], Scalar]
 
 CELLS = 48
 """A curve is looked at in this many cells."""
+
+SINGLE_CELLS = 12
+"""... or in these, where it has one maximum at most: they only bring Newton's method near."""
 
 DIP_POINTS, DIP_ROUNDS = 13, 3
 """A maximum and a minimum of the load can be closer than a cell (Mooney, Yeoh, Gent: one design in a hundred). Where
@@ -42,6 +45,10 @@ class Scan(NamedTuple):
     """Where it falls: the bracket of its first maximum."""
     clearly_after: Scalar
     """Beyond this x in the bracket, a value under y[last] is past the maximum, even where the curve rises again."""
+    sure: Int[Array, ""]
+    """Index of the last sample that is known to lie before the first maximum."""
+    single: bool
+    """Whether the curve has one maximum at most."""
 
 
 class Crossing(NamedTuple):
@@ -59,18 +66,25 @@ def slope_of(function: Function) -> Function:
     return lambda x: jax.jvp(function, (x,), (jnp.ones_like(x),))[1]
 
 
-def scan_curve(function: Function, start: Scalar, end: Scalar, dips: bool = False) -> Scan:
-    """Samples of `function` at the borders of CELLS equal cells; `dips`: look for falls narrower than a cell too."""
-    x = start + (end - start) * jnp.linspace(0.0, 1.0, CELLS + 1, dtype=start.dtype)
+def scan_curve(function: Function, start: Scalar, end: Scalar, look: str = "cells") -> Scan:
+    """Samples of `function` at the borders of equal cells.
+
+    look: "cells", CELLS of them; "dips", for falls narrower than a cell, too; "single", where the curve has one maximum
+    at most, SINGLE_CELLS.
+    """
+    cells = SINGLE_CELLS if look == "single" else CELLS
+    x = start + (end - start) * jnp.linspace(0.0, 1.0, cells + 1, dtype=start.dtype)
     y = jax.vmap(function)(x)
     stops = ~(y[1:] > y[:-1])  # NaN stops it too
     falls = jnp.any(stops)
-    last = jnp.where(falls, jnp.argmax(stops), CELLS)
-    after = jnp.minimum(last + 1, CELLS)
+    last = jnp.where(falls, jnp.argmax(stops), cells)
+    if look == "single":  # the maximum may lie between the last two samples
+        falls |= slope_of(function)(x[-1]) <= 0
+    after = jnp.minimum(last + 1, cells)
     # The first point that a root search tries is x[last] itself, where rounding alone decides which value is higher.
     clearly_after = x[last] + 1e-3 * (x[after] - x[last])
-    scan = Scan(x, y, last, falls, x[jnp.maximum(last - 1, 0)], x[after], clearly_after)
-    return _with_dip(function, scan) if dips else scan
+    scan = Scan(x, y, last, falls, x[jnp.maximum(last - 1, 0)], x[after], clearly_after, last, look == "single")
+    return _with_dip(function, scan) if look == "dips" else scan
 
 
 def _with_dip(function: Function, scan: Scan) -> Scan:
@@ -99,11 +113,23 @@ def _with_dip(function: Function, scan: Scan) -> Scan:
         low=jnp.where(dip, low, scan.low),
         high=jnp.where(dip, place, scan.high),
         clearly_after=jnp.where(dip, place, scan.clearly_after),
+        sure=jnp.where(dip, jnp.maximum(least - 1, 0), last),
     )
 
 
-def first_maximum(function: Function, scan: Scan) -> Scalar:
-    """x of the first maximum of a scanned `function` that falls, to the last bit. No derivatives pass through."""
+def first_maximum(function: Function, scan: Scan, wanted: Bool[Array, ""]) -> Scalar:
+    """x of the first maximum of a scanned `function` that falls, to the last bit, where it is `wanted`.
+
+    A lane that does not want it takes no step. No derivatives pass through.
+    """
+    low, high = scan.low, jnp.where(wanted, scan.high, scan.low)
+    if scan.single:
+        # The parabola through three samples knows the place.
+        middle, cell = jnp.clip(scan.last, 1, scan.x.shape[0] - 2), scan.x[1] - scan.x[0]
+        before, top, after = scan.y[middle - 1], scan.y[middle], scan.y[middle + 1]
+        bend = after - 2 * top + before
+        guess = scan.x[middle] - cell * 0.5 * (after - before) / jnp.where(bend == 0, 1.0, bend)
+        return newton_bracketed(lambda x: -slope_of(function)(x), low, high, guess).x
     y_top = scan.y[scan.last]
 
     def beyond(x):
@@ -111,7 +137,7 @@ def first_maximum(function: Function, scan: Scan) -> Scalar:
         past = (slope <= 0) | ((x > scan.clearly_after) & ~(value > y_top))
         return jnp.where(past, jnp.abs(slope), -slope)
 
-    return bracketed_root(beyond, scan.low, scan.high).x
+    return bracketed_root(beyond, low, high).x
 
 
 def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, stop: Scalar) -> Crossing:
@@ -130,5 +156,8 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     low = jnp.where(sampled, k - 1, last)
     high, y_high = jnp.where(sampled, x[k], stop), jnp.where(sampled, y[k], y_stop)
     sign = jnp.where(above[0], -1.0, 1.0)
-    root = bracketed_root(lambda z: sign * (function(z) - target), x[low], high)
-    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(y_high - y[low]))
+    rise = y_high - y[low]
+    guess = x[low] + (high - x[low]) * (target - y[low]) / jnp.where(rise == 0, 1.0, rise)
+    high = jnp.where(exists, high, x[low])  # nothing is looked for where there is nothing
+    root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
+    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise))

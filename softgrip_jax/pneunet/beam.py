@@ -11,7 +11,6 @@ Everything here is a pure number: s = X/L, lengths by L, forces by mu B H, momen
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -105,32 +104,29 @@ class Shot(NamedTuple):
     """The active moment of every part."""
 
 
-ActiveMoment = Callable[[Cover, State, Part], Scalar]
-"""The signed active moment of a part that begins in a state; it may depend on how far the part will turn."""
-
-
 def run_part(cover: Cover, state: State, part: Part, active: Scalar, steps: Steps) -> tuple[State, State, State | None]:
     """(state at the beginning, at the end, and after every step of a part) under a constant active moment."""
     start = entered(cover, part.low, state, active)
     return start, *fixed_steps(slopes, start, (cover, active), part.low, part.high, steps)
 
 
-def shoot(cover: Cover, start: State, parts: Part, active: ActiveMoment, steps: Steps, restarts: State | None) -> Shot:
-    """Integrate all parts (leaves of `parts` have a leading axis) from the state at s = 0.
+def shoot(
+    cover: Cover, start: State, parts: Part, active: Float[Array, " parts"], steps: Steps, restarts: State | None
+) -> Shot:
+    """Integrate all parts (leaves of `parts` have a leading axis) with their active moments from the state at s = 0.
 
     restarts: states at the beginning of every part but the first, for multiple shooting: the parts then do not depend
     on each other and run side by side, and that ends meet restarts is the caller's equation.
     """
 
-    def integrate(state: State, part: Part):
-        moment = active(cover, state, part)
-        begin, end, states = run_part(cover, state, part, moment, steps)
-        return end, Shot(begin, end, states, moment)
+    def integrate(state: State, part: tuple[Part, Scalar]):
+        begin, end, states = run_part(cover, state, *part, steps)
+        return end, Shot(begin, end, states, part[1])
 
     if restarts is None:
-        return lax.scan(integrate, start, parts)[1]
+        return lax.scan(integrate, start, (parts, active))[1]
     starts = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), start, restarts)
-    return jax.vmap(integrate)(starts, parts)[1]
+    return jax.vmap(integrate)(starts, (parts, active))[1]
 
 
 def reference_shot(cover: Cover, start: State, part: Part, active: Scalar, tolerance: float) -> State:

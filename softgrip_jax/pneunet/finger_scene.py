@@ -13,15 +13,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
 from ..numerics.paths import Fine
-from ..numerics.roots import bracketed_root, implicit
 from ..path_scene import PathScene, Span
-from .beam import Cover, Loads, Part, Shot, State, Steps, run_part, shoot, slopes
+from .beam import Cover, Loads, Part, Shot, State, shoot, slopes
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
@@ -36,10 +34,6 @@ ROUGH_STEPS = 2
 One would do at half the fold, but has folds of its own near it."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
-WIDEST = 1.0
-"""rad: walls that incline this much press on each other no more in any finger of the thesis."""
-SETTLED = 1e-6
-"""rad: a root of the inclination moves less than this in another Newton step."""
 LARGEST_GROWTH = 4.0
 """Single shooting up to e^4 = 55: rounding then stays near 1e-14 at the tip."""
 RESTARTS = 8
@@ -70,7 +64,7 @@ class Bent(NamedTuple):
     start: State
     shot: Shot
     gaps: Array
-    """Mismatches where parts meet: equations of multiple shooting (none otherwise)."""
+    """Mismatches: where parts meet, in multiple shooting; of the inclinations, where they couple."""
 
     @property
     def end(self) -> State:
@@ -123,30 +117,40 @@ class FingerScene(PathScene):
     def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar, fine: Fine) -> Bent:
         """The beam from its unknowns.
 
-        unknowns: M(0) in units of EI/L, then, for multiple shooting, (theta, M) where each further part begins.
+        unknowns: M(0) in units of EI/L; for multiple shooting (theta, M) where each further part begins; where it
+        couples, the inclination of every part.
         """
         parts, steps = self.chambers()
+        count, restarted = parts.low.shape[0], 1 + self.restart_unknowns()
         if fine is not True:
             steps = jnp.where(fine, steps, ROUGH_STEPS)
         cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
         zero = jnp.zeros_like(unknowns[0])
         unit = cover.slenderness / 3
         start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero, zero, zero)
-        active, pushed = self.active_moment(parts, pressure, steps)
-        if unknowns.shape[0] == 1:
-            return Bent(cover, parts, start, shoot(cover, start, pushed, active, steps, None), unknowns[1:])
-        theta, moment = unknowns[1:].reshape(2, -1)
-        zeros = jnp.zeros_like(theta)
-        shot = shoot(cover, start, pushed, active, steps, State(theta, moment * unit, zeros, zeros, zeros, zeros))
-        gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
-        # Nothing depends on x and y along the way: parts that began at the origin are moved to where the last ended.
-        x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
-        before_x, before_y = (jnp.concatenate([jnp.zeros(1), v[:-1]]) for v in (x, y))
-        starts = shot.starts._replace(x=before_x, y=before_y)
-        states = shot.states
-        if states is not None:
-            states = states._replace(x=states.x + before_x[:, None], y=states.y + before_y[:, None])
-        return Bent(cover, parts, start, Shot(starts, shot.ends._replace(x=x, y=y), states, shot.active), gaps)
+        inclinations = unknowns[restarted:] if self.inclination != "none" else jnp.zeros(count)
+        # A part that bends backwards keeps parallel walls.
+        active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, jnp.maximum(inclinations, 0.0))
+        if self.shooting != "multiple":
+            shot, gaps = shoot(cover, start, parts, active, steps, None), jnp.zeros(0)
+        else:
+            theta, moment = unknowns[1:restarted].reshape(2, -1)
+            zeros = jnp.zeros_like(theta)
+            restarts = State(theta, moment * unit, zeros, zeros, zeros, zeros)
+            shot = shoot(cover, start, parts, active, steps, restarts)
+            gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
+            # Nothing depends on x and y along the way: parts that began at the origin move to where the last ended.
+            x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
+            before_x, before_y = (jnp.concatenate([jnp.zeros(1), v[:-1]]) for v in (x, y))
+            states = shot.states
+            if states is not None:
+                states = states._replace(x=states.x + before_x[:, None], y=states.y + before_y[:, None])
+            starts, ends = shot.starts._replace(x=before_x, y=before_y), shot.ends._replace(x=x, y=y)
+            shot = Shot(starts, ends, states, shot.active)
+        if self.inclination != "none":
+            turned = shot.starts.theta - shot.ends.theta
+            gaps = jnp.concatenate([gaps, inclinations - parts.chamber.share * turned])
+        return Bent(cover, parts, start, shot, gaps)
 
     def clamp(self) -> Scalar:
         """theta(0), rad."""
@@ -164,9 +168,10 @@ class FingerScene(PathScene):
 
     def resting(self, held: int) -> Array:
         """The unknowns of a straight finger without load: zeros, and the clamp angle in every part."""
-        extra = self.restart_unknowns()
-        angles = jnp.broadcast_to(self.clamp(), (extra // 2,))
-        return jnp.concatenate([jnp.zeros(1 + held), angles, jnp.zeros(extra // 2)])
+        half = self.restart_unknowns() // 2
+        inclinations = 0 if self.inclination == "none" else self.chambers()[0].low.shape[0]
+        angles = jnp.broadcast_to(self.clamp(), (half,))
+        return jnp.concatenate([jnp.zeros(1 + held), angles, jnp.zeros(half + inclinations)])
 
     def chambers(self) -> tuple[Part, int]:
         """The parts of the beam and the steps in each: one part where all chambers push alike."""
@@ -193,43 +198,6 @@ class FingerScene(PathScene):
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
         return end_moment(finger, pressure, inclination) / finger.moment_scale()
-
-    def active_moment(self, parts: Part, pressure: Scalar, steps: Steps):
-        """(the signed active moment of a part, the parts with what it needs); inclinations are solved for if coupled.
-
-        Moments that do not depend on the beam are found before its integration: once, and outside of its loops.
-        """
-        if self.inclination == "none":
-            moments = jax.vmap(lambda chamber: -self.push(chamber, pressure, jnp.zeros_like(pressure)))(parts.chamber)
-            return lambda cover, state, part: part.chamber, parts._replace(chamber=moments)
-
-        def mismatch(inclination, args):
-            scene, pressure, cover, state, part = args
-            moment = -scene.push(part.chamber, pressure, inclination)
-            turned = run_part(cover, state, part, moment, steps)[1].theta - state.theta
-            return inclination + part.chamber.share * turned
-
-        def coupled(cover, state, part):
-            args = (self, pressure, cover, state, part)
-            fixed = lax.stop_gradient(args)
-            low = jnp.zeros_like(pressure)
-
-            def excess(angle):
-                """The mismatch; where the section has no state for so much moment the walls must incline more."""
-                missing = mismatch(angle, fixed)
-                return jnp.where(jnp.isfinite(missing), missing, -1.0)
-
-            # The walls push less the more they incline, so the turn without inclination is an upper bound.
-            turn = -mismatch(low, fixed)
-            high = jnp.where(jnp.isfinite(turn), turn, WIDEST)
-            root = bracketed_root(excess, low, jnp.maximum(high, low)).x
-            inclination = implicit(mismatch, root, args, in_scan=True)
-            # Its Newton step goes nowhere from a root, and away from the border of the states, where there is none.
-            inclination = jnp.where(jnp.abs(inclination - root) < SETTLED, inclination, jnp.nan)
-            inclination = jnp.where(high > 0, inclination, 0.0)
-            return -self.push(part.chamber, pressure, inclination)
-
-        return coupled, parts
 
     def pressure_span(self):
         finger = self.finger

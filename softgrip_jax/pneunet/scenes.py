@@ -126,10 +126,6 @@ class Free(FingerScene):
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
         shooting, steps: as in TipContact.
 
-    First derivatives are right; SECOND ones (forward over reverse, `jax.hessian`) are wrong where weight or tip load
-    and a coupled inclination come together: the parts are a `lax.scan`, and JAX drops the rules of roots within roots
-    there. Take differences of the gradient instead, or inclination "none".
-
     Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
     scalar root per part where the inclination couples.
     """

@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 
 from ..checked import positive
-from ..membrane import angle_of_stretch, angle_over_sine, arc_chain, flat_contact_angle
+from ..membrane import angle_of_stretch, arc_chain, flat_contact_angle
 from ..scene import Scene
 from .flat_shell import Scalar, ShellScene
 from .obstacle_contact import ObstacleContact
@@ -26,6 +26,8 @@ class CylinderState(NamedTuple):
     """R of the free arcs."""
     flat: Scalar
     """e, the mean straight length on one side: (e_1 + e_2)/2 when offset."""
+    stretch: Scalar
+    """lambda_1 of the free arc, theta_m / sin(theta_m)."""
     edge_stretch: Scalar
     """lambda_1 at the edge of the contact, (3.22)."""
 
@@ -77,17 +79,19 @@ class CylinderContact(ShellScene):
         a, b, r = self.shell.a, self.shell.b, self.radius
         s, c = jnp.sin(theta_c), jnp.cos(theta_c)
         # gap + r (1 - cos th_c) = R (cos th_c - cos th_m): 1 - cos written so that small angles lose no digits.
-        depth = self.gap + 2 * r * jnp.sin(0.5 * theta_c) ** 2
-        theta_m = 2 * jnp.arctan((depth + jnp.sqrt(depth**2 + (a * s) ** 2)) / (a * (1 + c)))
-        big_r = a / jnp.sin(theta_m)
+        depth = self.gap + r * s**2 / (1 + c)
+        t = (depth + jnp.sqrt(depth**2 + (a * s) ** 2)) / (a * (1 + c))  # tan(theta_m / 2)
+        t_e = depth / a  # tan(theta_me / 2): (3.26), R (cos th_c - cos th_m) = depth
+        theta_m, over_sine = 2 * jnp.arctan(t), 0.5 * (t + 1 / t)
+        big_r = a * over_sine
         flat = b - (r + big_r) * s - a
-        theta_me = 2 * jnp.arctan(depth / a)  # (3.26): R (cos th_c - cos th_m) = depth
-        return CylinderState(theta_m, theta_c, big_r, flat, angle_over_sine(theta_me))
+        edge_stretch = jnp.arctan(t_e) * (t_e + 1 / t_e)
+        return CylinderState(theta_m, theta_c, big_r, flat, theta_m * over_sine, edge_stretch)
 
     def stretches(self, angle):
         state = self.state(angle)
         arcs = (self.radius + state.radius) * angle + state.radius * state.theta_m
-        return angle_over_sine(state.theta_m), (arcs + state.flat) / self.shell.b
+        return state.stretch, (arcs + state.flat) / self.shell.b
 
     def curvatures(self, angle):
         state = self.state(angle)
@@ -114,7 +118,7 @@ class CylinderContact(ShellScene):
             "contact_area": area,
             "contact_half_width": c_a,
             "contact_half_length": c_b,
-            "stretch": angle_over_sine(state.theta_m),
+            "stretch": state.stretch,
             "clamp_angle": state.theta_m,
         }
 
