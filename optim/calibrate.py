@@ -22,6 +22,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
+from softgrip_jax.progress import Tell, silent
 from softgrip_jax.units import DISPLAY
 
 from .fitting import Fitted, Fitting, Lane, Predicted
@@ -162,13 +163,17 @@ class Fit:
         return np.concatenate(x), np.concatenate(y), np.concatenate(half)
 
 
-def run_lanes(fitting: Fitting, lanes: Sequence[Lane]) -> Fitted:
-    """Many fits, stacked, by the one compiled program."""
-    return jax.tree.map(lambda *leaves: np.stack([np.asarray(v) for v in leaves]), *map(fitting.fit_lane_jit, lanes))
+def run_lanes(fitting: Fitting, lanes: Sequence[Lane], stage: str = "", report: Tell = silent) -> Fitted:
+    """Many fits, stacked, by the one compiled program; `report` is told the stage and how many are done."""
+    ends = []
+    for k, lane in enumerate(lanes):
+        report(stage, k, len(lanes))
+        ends.append(jax.block_until_ready(fitting.fit_lane_jit(lane)))
+    return jax.tree.map(lambda *leaves: np.stack([np.asarray(v) for v in leaves]), *ends)
 
 
-def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0) -> Fit:
-    """The best fit.
+def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0, report: Tell = silent) -> Fit:
+    """The best fit; `report` is told of every stage.
 
     Raises: ValueError in one sentence where the data cannot give one.
     """
@@ -178,10 +183,11 @@ def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0) -> Fit:
     cloud = qmc.Sobol(space.size, rng=seed).random_base2(int(np.ceil(np.log2(starts)))) if starts > 1 else []
     units = np.array([home, *cloud])[:starts]
     lanes = [fitting.lane(to_free(space.inside(t))) for t in units]
-    tried = run_lanes(fitting, lanes)
+    tried = run_lanes(fitting, lanes, "compiling once, then fits from several starts", report)
     best = int(np.argmin(np.where(np.isfinite(tried.cost), tried.cost, np.inf)))
     lane = lanes[best]._replace(start=jnp.asarray(off_bounds(fitting, tried.u[best])))
     notes = _other_minima(tried, best)
+    report("noise")
     lane = with_noise(fitting, lane)
     lane, dropped = _without_lost_points(fitting, lane)
     if int(lane.weight.sum()) <= space.size:

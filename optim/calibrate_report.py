@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from scipy import stats
 
+from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 from softgrip_jax.units import DISPLAY
 
@@ -34,6 +35,8 @@ independent ones, eight exceed it in one case of thirty."""
 WIDER = 2.0
 """The interval over specimens is quoted when it is this many times wider than that of the fit."""
 
+STOPPED = "Stopped after the fit: what is not said here was not looked at."
+
 UNLIKELY = 0.01
 """A sum of squares as large as this or less likely by the stated noise is not explained by it."""
 
@@ -49,13 +52,26 @@ class Findings:
     directions: tuple[Direction, ...]
     remarks: tuple[str, ...]
     """In sentences: what was left out, what looks odd, how far to trust it."""
+    stopped: bool = False
+    """By Ctrl-C: what was not looked at until then is missing."""
 
 
-def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int) -> Findings:
-    """Intervals, held-out errors, specimens and verdicts of a fit."""
-    directions = unknown_directions(fit)
-    found = tuple(intervals(fit, method, repeats, seed) for method in methods)
-    without, specimens = held_out(fit), by_specimen(fit)
+def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int, report: Tell = silent) -> Findings:
+    """Intervals, held-out errors, specimens and verdicts of a fit.
+
+    Ctrl-C ends it with what was found until then, the fit at least; `report` is told of every stage.
+    """
+    found: list[Intervals] = []
+    without, specimens = {}, None
+    try:
+        report("what the data determine")
+        directions = unknown_directions(fit)
+        for method in methods:
+            found.append(intervals(fit, method, repeats, seed, report))
+        report("every curve and specimen apart")
+        without, specimens = held_out(fit), by_specimen(fit)
+    except KeyboardInterrupt:
+        return Findings(fit, tuple(found), without, specimens, (), (*fit.notes, STOPPED), stopped=True)
     remarks = [note for curve in fit.fitting.curves for note in curve.notes]
     remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
     remarks += [*_on_bounds(fit), *_misfit(fit), *_correlated(fit, directions), *_spread(fit, specimens)]
@@ -64,7 +80,7 @@ def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int) -> Findin
         remarks.append(
             "The data determine every parameter." if fit.fitting.space.size > 1 else "The data determine the parameter."
         )
-    return Findings(fit, found, without, specimens, tuple(directions), tuple(dict.fromkeys(remarks)))
+    return Findings(fit, tuple(found), without, specimens, tuple(directions), tuple(dict.fromkeys(remarks)))
 
 
 def report(findings: Findings, console: Console) -> None:

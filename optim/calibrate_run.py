@@ -2,7 +2,8 @@
 
 The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
 [material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
-result.json, fit.png. It appears complete or not at all, and never replaces another.
+result.json, fit.png. It appears complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it
+holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `tension_run.py`.
 """
@@ -20,6 +21,7 @@ from rich.console import Console
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.materials import Material
+from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY, unit_key
 
 from . import calibrate_settings as settings
@@ -34,7 +36,7 @@ from .tension_run import run_tension
 
 
 def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
-    """Fit as the config says, print what was found, and return the folder that holds it."""
+    """Fit as the config says, print what was found, and return the folder that holds it; Ctrl-C as in `run_design`."""
     if "tension" in configs.read_sections(config):
         return run_tension(config, out, console)
     read = configs.load(config)
@@ -43,9 +45,9 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
     table = wanted.table
     with new_folder(out, config.stem) as (folder, final):
         try:
-            with console.status("fitting"):
-                fit = calibrate(wanted.fitting, table.starts, table.seed)
-                findings = examine(fit, table.intervals, table.repeats, table.seed)
+            with stages(console) as tell:
+                fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
+                findings = examine(fit, table.intervals, table.repeats, table.seed, tell)
         except ConfigError:
             raise
         except ValueError as error:
@@ -53,6 +55,8 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
         _write(folder, given, read, findings)
     report(findings, console)
     console.print(f"The fit is in {final}. Next: softgrip solve {final / 'calibrated.toml'}", soft_wrap=True)
+    if findings.stopped:
+        raise KeyboardInterrupt
     return final
 
 

@@ -44,6 +44,7 @@ class InStep:
         self.evaluate, self.askers = evaluate, askers
         self.asked: dict[int, np.ndarray] = {}
         self.answers: dict[int, Any] = {}
+        self.is_over = False
         self.changed = threading.Condition()
 
     def look(self, k: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
@@ -51,8 +52,8 @@ class InStep:
         with self.changed:
             self.asked[k] = np.array(t)
             self._answer_if_all_wait()
-            self.changed.wait_for(lambda: k in self.answers)
-            answer = self.answers.pop(k)
+            self.changed.wait_for(lambda: self.is_over or k in self.answers)
+            answer = self.answers.pop(k, KeyboardInterrupt())
         if isinstance(answer, BaseException):
             raise answer
         return answer
@@ -63,8 +64,14 @@ class InStep:
             self.askers -= 1
             self._answer_if_all_wait()
 
+    def give_up(self) -> None:
+        """No further answers: every asker is interrupted at its next question."""
+        with self.changed:
+            self.is_over = True
+            self.changed.notify_all()
+
     def _answer_if_all_wait(self) -> None:
-        if len(self.asked) < self.askers or not self.asked:
+        if self.is_over or len(self.asked) < self.askers or not self.asked:
             return
         # In the order of the askers, not of the threads: the same batches every time.
         order = sorted(self.asked)
@@ -89,7 +96,11 @@ def in_step(evaluate: Any, count: int, work: Callable[[int, Look], np.ndarray]) 
             together.leave()
 
     with ThreadPoolExecutor(count) as pool:
-        return list(pool.map(one, range(count)))
+        try:
+            return list(pool.map(one, range(count)))
+        except KeyboardInterrupt:
+            together.give_up()  # the pool waits for its threads
+            raise
 
 
 def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scales, judge: Any) -> np.ndarray:

@@ -1,7 +1,8 @@
 """`softgrip design` with a front: the trade-off, a table, a picture, and a folder that keeps everything.
 
 The folder: config.toml as given, designs.csv (the front, in the order of the first goal), designs/01.toml and so on
-(each design as `softgrip solve` accepts it), result.json, front.png. It appears complete or not at all.
+(each design as `softgrip solve` accepts it), result.json, front.png. It appears complete or not at all; stopped by
+Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from rich.table import Table
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.folders import new_folder
+from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY
 
 from . import settings
@@ -28,20 +30,25 @@ SHOWN = 9
 
 
 def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: str, console: Console) -> Path:
-    """Find the front, print it, and return the folder that holds it."""
+    """Find the front, print it, and return the folder that holds it; Ctrl-C as in `run.run_design`."""
     with new_folder(out, name) as (folder, final):
-        console.print("compiling")
         try:
-            front = pareto(
-                wanted.problem,
-                report=lambda stage, solves: console.print(f"{stage}: {solves} designs solved"),
-                **wanted.arguments,
-            )
+            with stages(console) as tell:
+                tell("compiling")
+                front = pareto(
+                    wanted.problem,
+                    report=lambda stage, solves: tell(f"{stage}, {solves} designs solved before"),
+                    **wanted.arguments,
+                )
         except ValueError as error:
             raise ConfigError(f"{name}: {error}") from None
         _write(folder, given, wanted, front)
     report(front, console)
+    if front.stopped:
+        console.print("Stopped before the front was found; the best designs until then are kept.")
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'designs' / '01.toml'}", soft_wrap=True)
+    if front.stopped:
+        raise KeyboardInterrupt
     return final
 
 
@@ -69,6 +76,7 @@ def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) 
         "front": [in_si(problem, design) for design in front.designs],
         "search": wanted.arguments,
         "solves": front.solves,
+        "stopped": front.stopped,
         "seconds": front.seconds,
     } | versions()
     (folder / "result.json").write_text(json.dumps(summary, indent=2), encoding="utf-8")

@@ -20,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from softgrip_jax.progress import Tell, silent
+
 from .calibrate import CONFIDENCE, Fit, run_lanes
 from .variables import to_free
 
@@ -42,20 +44,20 @@ class Intervals:
     notes: tuple[str, ...] = ()
 
 
-def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0) -> Intervals:
+def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, report: Tell = silent) -> Intervals:
     """The intervals by the named method; repeats and seed are of the bootstrap."""
     if method == "gauss_newton":
         return Intervals(method, fit.low, fit.high)
     if method == "bootstrap":
-        return bootstrap(fit, repeats, seed)
+        return bootstrap(fit, repeats, seed, report)
     if method == "profile":
-        return profile(fit)
+        return profile(fit, report)
     raise ValueError(f"The intervals are {method!r}; they must be one of {', '.join(map(repr, METHODS))}.")
 
 
-def bootstrap(fit: Fit, repeats: int, seed: int) -> Intervals:
+def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Intervals:
     """Percentiles of fits to resampled points; noises stay as in the fit."""
-    draws = bootstrap_fits(fit, repeats, seed)
+    draws = bootstrap_fits(fit, repeats, seed, report)
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
     if len(kept) < MIN_CONVERGED * repeats:
@@ -67,7 +69,7 @@ def bootstrap(fit: Fit, repeats: int, seed: int) -> Intervals:
     return Intervals("bootstrap", low, high, tuple(notes))
 
 
-def bootstrap_fits(fit: Fit, repeats: int, seed: int) -> np.ndarray:
+def bootstrap_fits(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> np.ndarray:
     """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not settle."""
     fitting, rng = fit.fitting, np.random.default_rng(seed)
     weight = np.asarray(fit.lane.weight)
@@ -80,7 +82,7 @@ def bootstrap_fits(fit: Fit, repeats: int, seed: int) -> np.ndarray:
             if own.size:
                 drawn += np.bincount(rng.choice(own, own.size), minlength=len(weight))
         lanes.append(fit.lane._replace(start=start, weight=jnp.asarray(drawn)))
-    ends = run_lanes(fitting, lanes)
+    ends = run_lanes(fitting, lanes, "bootstrap", report)
     return np.where(ends.converged[:, None], ends.x, np.nan)
 
 
@@ -91,13 +93,14 @@ REFINED = 5
 """Points of the second look, around the crossing: the interval is then good to a thousandth of its width."""
 
 
-def profile(fit: Fit) -> Intervals:
+def profile(fit: Fit, report: Tell = silent) -> Intervals:
     """Profile likelihood: the signed root of the added cost, z = sqrt(2 (cost - best)), crosses the quantile."""
     n = fit.fitting.space.size
     low, high = np.full(n, np.nan), np.full(n, np.nan)
     notes = []
     for j in range(n):
         name = fit.fitting.space.names[j]
+        report("profile", j, n)
         for sign, ends in ((-1, low), (1, high)):
             found = _crossing(fit, j, sign)
             ends[j] = found

@@ -69,6 +69,8 @@ class Front:
     solves: int
     """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
+    stopped: bool = False
+    """By Ctrl-C: the designs are the best of those that were solved until then."""
 
 
 def pareto(
@@ -80,6 +82,8 @@ def pareto(
     report: Callable[[str, int], None] = lambda stage, solves: None,
 ) -> Front:
     """The front of two or three goals under the limits of a problem.
+
+    Ctrl-C ends it and keeps what is undominated of all designs until then, if any of them keeps every constraint.
 
     Args:
         problem: its goals are kept apart; their weights play no part.
@@ -96,26 +100,36 @@ def pareto(
     began = time.perf_counter()
     known = _Known(problem, starts, seed)
     compiled = time.perf_counter()
-    report("ends", known.evaluate.solves)
-    known.find_ends()
-    report("front", known.evaluate.solves)
-    if goals == 2:
-        scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
-        known.add(_beyond(known.t[scouts]))
-        known.find_ends()
-        scouts = known.undominated(np.concatenate([known.ends, scouts]))
-        report("spacing", known.evaluate.solves)
-        flat, between = _evenly(known.scaled()[scouts], known.t[scouts], points)
-        known.add(between)
-        rows = np.concatenate([scouts[[0, -1]], known.approach(flat)])
-    else:
-        rows = known.approach(_simplex(goals, points))
-    rows = known.undominated(rows)
-    report("done", known.evaluate.solves)
+    stopped = False
+    try:
+        rows = _front(known, points, report)
+    except KeyboardInterrupt:
+        known.keep_visited()
+        rows, stopped = known.undominated(np.arange(len(known.t))), True
+        if not len(rows):
+            raise
     t, terms = known.t[rows], known.terms[rows]
     designs = designs_at(problem, known.judge, known.evaluate, t)
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
-    return Front(problem, designs, terms, known.evaluate.solves, seconds)
+    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped)
+
+
+def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np.ndarray:
+    """Rows of the designs on the front."""
+    goals = known.terms.shape[1]
+    report("ends of the front", known.evaluate.solves)
+    known.find_ends()
+    report("front between them", known.evaluate.solves)
+    if goals == 3:
+        return known.undominated(known.approach(_simplex(goals, points)))
+    scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
+    known.add(_beyond(known.t[scouts]))
+    known.find_ends()
+    scouts = known.undominated(np.concatenate([known.ends, scouts]))
+    report("designs evenly along it", known.evaluate.solves)
+    flat, between = _evenly(known.scaled()[scouts], known.t[scouts], points)
+    known.add(between)
+    return known.undominated(np.concatenate([scouts[[0, -1]], known.approach(flat)]))
 
 
 class _Known:
@@ -144,6 +158,8 @@ class _Known:
             raise ValueError("No design with an equilibrium was found; there is no front to begin with.")
         self.best, self.worst = np.zeros(len(problem.goals)), np.ones(len(problem.goals))
         self.ends = np.zeros(0, dtype=int)
+        self.visited: list[tuple[np.ndarray, np.ndarray, float]] = []
+        """(t, terms, largest violation) on the ways that are being gone."""
 
     def add(self, t: np.ndarray) -> None:
         """Solve designs and keep them; `broken`: the largest violation, inf without equilibrium."""
@@ -156,6 +172,14 @@ class _Known:
         self.t = np.concatenate([self.t, t])
         self.terms = np.concatenate([self.terms, np.stack(terms)])
         self.broken = np.concatenate([self.broken, broken])
+        self.visited = []
+
+    def keep_visited(self) -> None:
+        """What was seen on the way, of ways that will not be gone to their ends."""
+        if self.visited:
+            t, terms, broken = (np.array(column) for column in zip(*self.visited, strict=True))
+            self.t, self.terms = np.concatenate([self.t, t]), np.concatenate([self.terms, terms])
+            self.broken = np.concatenate([self.broken, broken])
 
     def scaled(self) -> np.ndarray:
         """Terms in the ranges between the ends."""
@@ -249,6 +273,7 @@ class _Known:
             if shortfall > 0:
                 raise Lost
             terms, by_value = (np.asarray(v) for v in self.terms_of(values))
+            self.visited.append((t, terms, float(np.max(violations, initial=0.0))))
             return (terms - self.best) / ranges, by_value @ by_t / ranges[:, None], violations, pushes @ by_t
 
         return seen

@@ -2,7 +2,8 @@
 
 The folder: config.toml as given (with the parts that stood in other files), best.toml (what `softgrip solve` accepts),
 designs.csv, history.csv, result.json, convergence.png and, for every scene that has a picture, before_after.png (of
-several scenes before_after_NAME.png). It appears complete or not at all, and never replaces another.
+several scenes before_after_NAME.png). It appears complete or not at all, and never replaces another. Of a search that
+is stopped by Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ SHOWN = 5
 
 
 def run_design(config: Path, out: Path | None, console: Console) -> Path:
-    """Search as the config says, print what was found, and return the folder that holds it."""
+    """Search as the config says, print what was found, and return the folder that holds it.
+
+    Stopped by Ctrl-C it keeps and prints what was found until then, and raises KeyboardInterrupt again.
+    """
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)
@@ -54,8 +58,12 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         result = _search_with_progress(wanted, console)
         _write(folder, given, read, wanted, result)
     report(result, console)
+    if result.stopped:
+        console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
     which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
+    if result.stopped:
+        raise KeyboardInterrupt
     return final
 
 
@@ -105,6 +113,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     problem, best = wanted.problem, result.best
     (folder / "config.toml").write_bytes(given)
     comment = f"The best design of a search with softgrip_jax {sg.__version__}, seed {wanted.arguments['seed']}."
+    if result.stopped:
+        comment += f"\nThe search was stopped after {len(result.history['moving'])} steps."
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
     scenes = best_scenes(result)
@@ -155,6 +165,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "best": in_si(problem, result.best),
         "start": in_si(problem, result.reference),
         "distinct_designs": len(result.designs),
+        "stopped": result.stopped,
         "search": wanted.arguments,
         "solves": result.solves,
         "seconds": result.seconds,

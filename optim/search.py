@@ -165,6 +165,8 @@ class SearchResult:
     solves: int
     """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
+    stopped: bool = False
+    """By Ctrl-C: the designs are the best until then, and not finished."""
 
     @property
     def best(self) -> Design:
@@ -183,6 +185,8 @@ def search(
     report: Callable[[int, float, int, int], None] | None = None,
 ) -> SearchResult:
     """The best distinct feasible designs of a problem. The same seed on the same machine gives the same answer.
+
+    Ctrl-C after the first step ends the search and keeps the best designs until then.
 
     Args:
         problem: variables, goals and limits.
@@ -209,7 +213,7 @@ def search(
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
-    lanes, history = _descend(
+    lanes, history, stopped = _descend(
         problem, scales, evaluate, rule, _starts(space.inside(reference_t), starts, seed), steps, report
     )
     descended = time.perf_counter()
@@ -217,7 +221,12 @@ def search(
     candidates = np.asarray(lanes.best_t)[
         _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:finishes]
     ]
-    finished = finish(candidates, evaluate, problem, scales, judge)
+    finished = candidates
+    if not stopped:
+        try:
+            finished = finish(candidates, evaluate, problem, scales, judge)
+        except KeyboardInterrupt:
+            stopped = True
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
     both = zip(
         designs_at(problem, judge, evaluate, finished), designs_at(problem, judge, evaluate, candidates), strict=True
@@ -238,6 +247,7 @@ def search(
             "descend": descended - compiled,
             "finish": time.perf_counter() - descended,
         },
+        stopped,
     )
 
 
@@ -248,8 +258,8 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([reference[None], points])[:starts]
 
 
-def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, dict[str, np.ndarray]]:
-    """All lanes to rest, or to the last step."""
+def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, dict[str, np.ndarray], bool]:
+    """All lanes to rest, or to the last step, or (True) to where they were stopped."""
     advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
     count, u = len(t), to_free(t)
     m = len(problem.sides)
@@ -265,30 +275,35 @@ def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, d
         jnp.full(count, jnp.inf),
     )
     moving = np.arange(count)
-    found = None
+    found, stopped = None, False
     rows = []
-    for step in range(steps):
-        # NumPy picks the rows: JAX would compile a gather for every number of them.
-        fresh = evaluate(np.asarray(lanes.t)[moving])
-        # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
-        found = (
-            fresh
-            if found is None
-            else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
-        )
-        lanes = advance(lanes, found, step)
-        moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
-        rank = np.asarray(lanes.best_rank)
-        best = rank.min()
-        feasible = int(np.sum(rank < 0.5 * _LOST))
-        equilibrium = int(np.sum(found.shortfall == 0))
-        rows.append((best if feasible else np.nan, equilibrium, feasible, len(moving)))
-        if report:
-            report(step + 1, rows[-1][0], feasible, len(moving))
-        if not len(moving):
-            break
+    try:
+        for step in range(steps):
+            # NumPy picks the rows: JAX would compile a gather for every number of them.
+            fresh = evaluate(np.asarray(lanes.t)[moving])
+            # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
+            found = (
+                fresh
+                if found is None
+                else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
+            )
+            lanes = advance(lanes, found, step)
+            moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
+            rank = np.asarray(lanes.best_rank)
+            best = rank.min()
+            feasible = int(np.sum(rank < 0.5 * _LOST))
+            equilibrium = int(np.sum(found.shortfall == 0))
+            rows.append((best if feasible else np.nan, equilibrium, feasible, len(moving)))
+            if report:
+                report(step + 1, rows[-1][0], feasible, len(moving))
+            if not len(moving):
+                break
+    except KeyboardInterrupt:
+        if not rows:
+            raise
+        stopped = True
     names = ("best_objective", "with_equilibrium", "feasible", "moving")
-    return lanes, dict(zip(names, np.array(rows).T, strict=True))
+    return lanes, dict(zip(names, np.array(rows).T, strict=True)), stopped
 
 
 def _replaced(old: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:

@@ -34,6 +34,7 @@ from rich.table import Table as PrintedTable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.materials import Material
+from softgrip_jax.progress import Tell, silent, stages
 from softgrip_jax.results import in_units
 from softgrip_jax.sections import Table
 from softgrip_jax.units import kPa
@@ -113,12 +114,15 @@ class Comparison:
         return next((one for one in self.judged if not one.softens), self.judged[0])
 
 
-def compare(curve: Curve, materials: list[str], window: float, windows: list[float], seed: int = 0) -> Comparison:
+def compare(
+    curve: Curve, materials: list[str], window: float, windows: list[float], seed: int = 0, tell: Tell = silent
+) -> Comparison:
     """Fit every material to a curve up to a strain, and the neo-Hookean mu in several windows."""
     inside = curve.x <= window * (1 + 1e-9)
     _require_points(curve, inside, window)
     judged = []
     for name in materials:
+        tell(f"fitting {name}")
         tried = candidate(name, curve.x[inside], curve.y[inside])
         fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [_part(curve, inside)])
         fit = calibrate(fitting, STARTS if len(tried.variables) > 1 else 1, seed)
@@ -197,8 +201,8 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
         windows.append(largest)
     with new_folder(out, config.stem) as (folder, final):
         try:
-            with console.status("fitting"):
-                found = compare(curve, table.materials, min(window, largest), windows, table.seed)
+            with stages(console) as tell:
+                found = compare(curve, table.materials, min(window, largest), windows, table.seed, tell)
         except ConfigError:
             raise
         except ValueError as error:

@@ -8,10 +8,10 @@ import pytest
 from conftest import ROOT
 
 import softgrip_jax as sg
-from optim import settings
+from optim import calibrate_report, settings
 from optim.curve_files import Column, read_columns
 from softgrip_jax import config as configs
-from softgrip_jax.cli import run
+from softgrip_jax.cli import STOPPED, run
 
 FILES = {"config.toml", "calibrated.toml", "material.toml", "points.csv", "result.json", "fit.png"}
 
@@ -71,6 +71,20 @@ def test_the_folder_is_complete_and_tells_what_was_left_out(finished):
     assert len(rows) == 15
     errors = np.array([float(row["fitted"]) - float(row["measured"]) for row in rows])
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(result["curves"]["free"]["rmse"] * 1e3, rel=1e-6)
+
+
+def test_stopped_after_the_fit_it_keeps_the_fit(monkeypatch, tmp_path, capsys):
+    def stop(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(calibrate_report, "held_out", stop)
+    config = written(tmp_path)
+    assert run(["calibrate", str(config), "--out", str(tmp_path / "out")]) == STOPPED
+    assert "Stopped after the fit" in capsys.readouterr().out
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["parameters"]["shell.material.mu"] == pytest.approx(176e3, rel=0.02)
+    assert result["intervals"]["gauss_newton"]
+    assert (tmp_path / "out" / "fit.png").is_file()
 
 
 def test_what_is_written_is_solved_and_designed(finished, tmp_path, capsys):

@@ -9,7 +9,7 @@ from PIL import Image
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
-from softgrip_jax.cli import MISTAKE, NO_ANSWER, run
+from softgrip_jax.cli import MISTAKE, NO_ANSWER, STOPPED, run
 from softgrip_jax.units import kPa, mm
 
 CYLINDER = str(ROOT / "configs" / "shell_cylinder.toml")
@@ -64,6 +64,27 @@ def test_exit_codes(arguments, code, words, capsys):
     err = capsys.readouterr().err
     assert words in err
     assert err.count("\n") == 1
+
+
+def test_what_is_done_until_ctrl_c_is_kept(tmp_path, capsys, monkeypatch):
+    whole, asked = sg.path, []
+
+    def interrupted(scene, pressures):
+        asked.append(len(pressures))
+        if len(asked) == 3:
+            raise KeyboardInterrupt
+        return whole(scene, pressures)
+
+    monkeypatch.setattr("softgrip_jax.scene.path", interrupted)
+    file, plot = tmp_path / "curve.csv", tmp_path / "curve.png"
+    arguments = ["--to-kPa", "20", "--points", "41", "--csv", str(file), "--plot", str(plot)]
+    assert run(["path", CYLINDER, *arguments]) == STOPPED
+    assert "stopped after 32 of 41 pressures, which are kept" in capsys.readouterr().err
+    rows = list(csv.DictReader(file.read_text().splitlines()))
+    assert [float(row["pressure_kPa"]) for row in rows] == pytest.approx([0.5 * k for k in range(32)])
+    last = sg.solve(thesis.cylinder_contact(), 15.5 * kPa)
+    assert float(rows[-1]["force_N"]) == pytest.approx(float(last.force), rel=1e-9)
+    assert plot.read_bytes().startswith(b"\x89PNG")
 
 
 def test_pictures_and_animation(tmp_path):

@@ -61,6 +61,23 @@ def test_a_convex_front():
     assert gaps(front.terms).max() < 1.25 * gaps(front.terms).min()
 
 
+@pytest.mark.parametrize("stage", ["front between them", "designs evenly along it"])
+def test_what_was_found_until_it_is_stopped_is_kept(stage):
+    def report(name, solves):
+        if name == stage:
+            raise KeyboardInterrupt
+
+    found = pareto(binh_korn(), points=15, starts=32, report=report)
+    assert found.stopped
+    assert len(found.designs) >= 3
+    assert is_front(found.terms)
+    assert all(design.feasible for design in found.designs)
+    whole = pareto(binh_korn(), points=15, starts=32)
+    assert not whole.stopped
+    worst = np.maximum(found.terms.max(axis=0), whole.terms.max(axis=0))
+    assert 0.7 * volume(whole.terms, worst) < volume(found.terms, worst) <= 1.001 * volume(whole.terms, worst)
+
+
 def test_a_front_that_no_weighted_sum_finds():
     """Fonseca and Fleming 1995: a concave front, x = y in [-1/sqrt(2), 1/sqrt(2)]."""
     half = 1 / np.sqrt(2)

@@ -1,5 +1,6 @@
 """A run: its folder is complete or not there, and tells tomorrow what was found today."""
 
+import dataclasses
 import io
 import json
 
@@ -13,6 +14,7 @@ import softgrip_jax as sg
 from optim import run as runs
 from optim import settings
 from softgrip_jax import config as configs
+from softgrip_jax.cli import STOPPED, run
 from softgrip_jax.config import ConfigError
 from softgrip_jax.results import Status
 
@@ -123,6 +125,17 @@ def test_a_failure_leaves_nothing_behind(finished, monkeypatch, tmp_path, moment
     with pytest.raises(KeyboardInterrupt):
         runs.run_design(config, tmp_path / "out" / "run", Console(file=io.StringIO()))
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_a_stopped_run_is_kept_and_says_so(finished, monkeypatch, tmp_path):
+    config, _, _, result = finished
+    monkeypatch.setattr(runs, "search", lambda *args, **kwargs: dataclasses.replace(result, stopped=True))
+    monkeypatch.chdir(tmp_path)
+    assert run(["design", str(config), "--out", "run"]) == STOPPED
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+    assert json.loads((tmp_path / "run" / "result.json").read_text())["stopped"] is True
+    assert "was stopped after 30 steps" in (tmp_path / "run" / "best.toml").read_text()
+    assert sg.pressure_for(configs.load(tmp_path / "run" / "best.toml").scene).status == Status.OK
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,9 @@
 """The search: known optima of published problems, and the shell gripper against SciPy's differential evolution."""
 
 import dataclasses
+import importlib
+import signal
+import threading
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +22,8 @@ from softgrip_jax import config as configs
 from softgrip_jax.quantities import Asked
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
+
+searching = importlib.import_module("optim.search")  # the package's own `search` is the function
 
 
 class Formulas(Problem):
@@ -67,6 +72,49 @@ def test_constrained_optimum_is_the_published_one():
     np.testing.assert_allclose(found.best.x, [0, 1, 2, -1], atol=1e-4)
     assert found.best.violation <= FEASIBLE
     assert found.best.active == ("force_z at required at most 8 N", "flat_length at required at most 5000 mm")
+
+
+def test_what_was_found_until_it_is_stopped_is_kept():
+    seen = []
+
+    def report(step, best, feasible, moving):
+        seen.append(best)
+        if step == 20:
+            raise KeyboardInterrupt
+
+    found = search(rosen_suzuki(), starts=16, steps=60, report=report)
+    assert found.stopped
+    assert len(found.history["moving"]) == 20
+    # The descent charges what a design breaks by up to NEARLY, the report does not: the best one is as good or better.
+    assert -44 - 1 < found.best.objective <= seen[-1] + 1e-9
+
+
+def test_before_the_first_step_there_is_nothing_to_keep(monkeypatch):
+    def stop(*args, **kwargs):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(searching, "_step", stop)
+    with pytest.raises(KeyboardInterrupt):
+        search(rosen_suzuki(), starts=4, steps=5)
+
+
+def test_a_finish_in_threads_is_stopped(monkeypatch):
+    """Ctrl-C reaches the main thread while others solve: they are given up, and the descent's designs stay."""
+    whole, asked = searching.Evaluator.__call__, []
+
+    def evaluate(self, t):
+        if threading.current_thread() is not threading.main_thread():
+            asked.append(len(t))
+            if len(asked) == 2:
+                signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        return whole(self, t)
+
+    unstopped = search(rosen_suzuki(), starts=16, steps=20)
+    monkeypatch.setattr(searching.Evaluator, "__call__", evaluate)
+    found = search(rosen_suzuki(), starts=16, steps=20)
+    assert found.stopped
+    assert len(asked) < 20  # a whole finish asks more often
+    assert -44 < unstopped.best.objective + 1e-5 < found.best.objective < -40
 
 
 def test_the_same_seed_gives_the_same_answer():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +13,8 @@ import typer
 from rich.console import Console
 
 from ..errors import ConfigError
-from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
+from ..progress import Tell, silent
+from .app import NO_ANSWER, PICTURES, STOPPED, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
 
 if TYPE_CHECKING:
     from ..results import Solution
@@ -118,6 +120,7 @@ def path(
     """Follow one scene through a range of pressures: a table, a picture, an animation.
 
     Rows without equilibrium keep their place and say so in the column status. Exit code 1 where no row has a state.
+    Ctrl-C keeps the rows until then: they are printed and written as if the curve ended there.
 
     - softgrip path configs/shell_cylinder.toml --to-kPa 20 --csv curve.csv --plot curve.png
 
@@ -128,8 +131,8 @@ def path(
     import numpy as np
 
     from .. import config as configs
+    from ..progress import stages
     from ..scene import branch, limit_pressure
-    from ..scene import path as follow
     from ..units import kPa
 
     for file, option, endings in (
@@ -142,7 +145,10 @@ def path(
     asked = one_scene(config, scene).scene
     shown = observable_of(asked, observable)
     aside = Console(stderr=True)
-    with aside.status("compiling, then solving"):
+    stopped = False
+    # Without a terminal nobody waits for words, and what is written to a log is what was asked for.
+    with stages(aside) if aside.is_terminal else nullcontext(silent) as tell:
+        tell("compiling, then solving")
         if through_limit:
             curve = branch(asked, points)
         else:
@@ -155,7 +161,7 @@ def path(
                 last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
             if last <= first:
                 raise ConfigError(f"--from-kPa is {from_kpa:g}, the curve ends at {last / kPa:g} kPa; it must rise.")
-            curve = follow(asked, np.linspace(first, last, points))
+            curve, stopped = followed(asked, np.linspace(first, last, points), tell)
         header, rows = table_of(curve)
     if csv_file is not None:
 
@@ -169,24 +175,53 @@ def path(
     elif csv_file is None and plot is None and animate is None:
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
-    if not good.any():
+    if not good.any() and not stopped:
         print("There is no state on this curve; the column status says why.", file=sys.stderr)
         raise typer.Exit(NO_ANSWER)
-    if plot is not None:
+    if plot is not None and good.any():
         from ..plots import curve_of
 
         write_file(plot, lambda path: curve_of(curve, shown).savefig(path))
+    if stopped:
+        print(f"stopped after {good.size} of {points} pressures, which are kept.", file=sys.stderr)
+        raise typer.Exit(STOPPED)
     if animate is not None:
         from ..plots import animate as animated
 
         pressures = np.asarray(curve.pressure)[good]
+        rising = pressures[: int(np.argmax(pressures)) + 1]
         with aside.status("drawing") as status:
+            write_file(
+                animate,
+                lambda path: animated(asked, rising, path, lambda k, n: status.update(f"drawing: {k} of {n}")),
+            )
 
-            def tell(done: int, total: int) -> None:
-                status.update(f"drawing: {done} of {total}")
 
-            rising = pressures[: int(np.argmax(pressures)) + 1]
-            write_file(animate, lambda path: animated(asked, rising, path, tell))
+CHUNK, MARKS = 16, 20
+"""Pressures that are solved together between two looks at whether to go on, and how often there are such at most."""
+
+
+def followed(scene: Any, pressures: Any, tell: Tell) -> tuple[Solution, bool]:
+    """(the states at the pressures, whether Ctrl-C cut them short): in parts of one size, by one program."""
+    import jax
+    import numpy as np
+
+    from ..scene import path
+
+    size = min(len(pressures), max(CHUNK, -(-len(pressures) // MARKS)))
+    parts, stopped = [], False
+    try:
+        for first in range(0, len(pressures), size):
+            own = pressures[first : first + size]
+            count = len(own)
+            filled = np.append(own, np.full(size - count, own[-1]))
+            parts.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], path(scene, filled)))
+            tell("pressures solved", first + count, len(pressures))
+    except KeyboardInterrupt:
+        if not parts:
+            raise
+        stopped = True
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts), stopped
 
 
 def _share(text: str) -> float:
