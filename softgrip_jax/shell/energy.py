@@ -115,12 +115,12 @@ def tables(grid: Grid) -> Tables:
 class Local(NamedTuple):
     """The deformation at one point; lengths in a."""
 
-    place: Float[Array, "3"]
+    place: Float[Array, 3]
     """Of the middle surface."""
-    along_x: Float[Array, "3"]
-    along_y: Float[Array, "3"]
+    along_x: Float[Array, 3]
+    along_y: Float[Array, 3]
     """Tangents dx/dX, dx/dY: the columns of F."""
-    normal: Float[Array, "3"]
+    normal: Float[Array, 3]
     """Their cross product, lambda_1 lambda_2 times the unit normal."""
 
     @property
@@ -133,13 +133,13 @@ class Local(NamedTuple):
         """Of C: the square of the ratio of areas."""
         return self.normal @ self.normal
 
-    def face(self, thickness: Scalar) -> Float[Array, "3"]:
+    def face(self, thickness: Scalar) -> Float[Array, 3]:
         """Place of the outer face, seen from where it is at rest (z = 0): thickness t_m / a thins by 1/(l1 l2)."""
         rest = jnp.array([0.0, 0.0, 1.0], self.place.dtype)
         return self.place + 0.5 * thickness * (self.normal / self.determinant - rest)
 
 
-def local(e: Float[Array, "3 r"], point: Float[Array, "2"], aspect: Scalar) -> Local:
+def local(e: Float[Array, "3 r"], point: Float[Array, 2], aspect: Scalar) -> Local:
     """The deformation from the table's derivatives e of (u, v, w) at the point (xi, eta); aspect: a / b."""
     x = e[:, 1] + jnp.array([1.0, 0.0, 0.0], e.dtype)
     y = aspect * e[:, 2] + jnp.array([0.0, 1.0, 0.0], e.dtype)
@@ -195,7 +195,7 @@ class Load(NamedTuple):
     """rho of the augmented Lagrangian, in that unit per a."""
 
 
-def density(e: Float[Array, "3 r"], point: Float[Array, "2"], multiplier: Scalar, scene: Any, load: Load) -> Scalar:
+def density(e: Float[Array, "3 r"], point: Float[Array, 2], multiplier: Scalar, scene: Any, load: Load) -> Scalar:
     """Potential energy per flat area at one point, in mu t_m."""
     shell = scene.shell
     aspect, thickness, mu = shell.a / shell.b, shell.t_m / shell.a, shell.material.shear_modulus()
@@ -211,7 +211,7 @@ def density(e: Float[Array, "3 r"], point: Float[Array, "2"], multiplier: Scalar
     return total + (pressed**2 - multiplier**2) / (2 * load.stiffness)
 
 
-def gap(e: Float[Array, "3 r"], point: Float[Array, "2"], scene: Any) -> Scalar:
+def gap(e: Float[Array, "3 r"], point: Float[Array, 2], scene: Any) -> Scalar:
     """Signed distance of the outer face from the object at one point, in a."""
     shell = scene.shell
     place = local(e, point, shell.a / shell.b).face(shell.t_m / shell.a)
