@@ -1,11 +1,15 @@
-"""What mkdocs is told beyond mkdocs.yml: the tutorials are the notebooks, and written pages find their place."""
+"""What mkdocs is told beyond mkdocs.yml: the tutorials are the notebooks, written pages find their place, and formulas
+become MathML, which browsers draw themselves: the site can be read offline and asks no other host for anything."""
 
 from __future__ import annotations
 
+import html
+import re
 from pathlib import Path
 from typing import Any
 
 import nbformat
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from nbconvert import MarkdownExporter
@@ -22,6 +26,34 @@ ORDER = (
     "your_own_scene",
 )
 """The notebooks from the first steps on."""
+
+
+FORMULA = re.compile(r'(<(?:span|div) class="arithmatex">)\\([(\[])(.*?)\\[)\]](</(?:span|div)>)', re.DOTALL)
+"""As pymdownx.arithmatex leaves it: \\( in a line \\), \\[ on its own \\]."""
+
+
+NAME = "<mi>(?:arc)?(?:sin|cos|tan|cot|exp|ln|log|min|max|det)</mi>"
+FUNCTION = re.compile(
+    rf"(</m(?:i|n|row|sub|sup|subsup|frac)>)?(<msup>{NAME}<m\w+>[^<]*</m\w+></msup>|{NAME})(?=(<m(?!o))?)"
+)
+"""A function's name, with what stands before it and what begins behind it where that is no sign."""
+THIN = '<mspace width="0.167em"/>'
+PRIMED = re.compile(r"<msup>(<mi>[^<]*</mi>)(?:<mi>&#x02032;</mi>|<mrow><mi>&#x02032;</mi>(<mn>\d</mn>)</mrow>)</msup>")
+"""x' and x'^2."""
+
+
+def primed(found: re.Match[str]) -> str:
+    """The sign of a derivative from a text font, where it is high already: fonts for formulas differ in that."""
+    symbol = f'<mrow>{found[1]}<mtext class="prime">&#x02032;</mtext></mrow>'
+    return f"<msup>{symbol}{found[2]}</msup>" if found[2] else symbol
+
+
+def mathml(formula: str, display: str) -> str:
+    """TeX as MathML, with the thin spaces around the names of functions that TeX makes."""
+    text = PRIMED.sub(primed, convert(formula, display=display))
+    return FUNCTION.sub(
+        lambda found: (found[1] + THIN if found[1] else "") + found[2] + (THIN if found[3] else ""), text
+    )
 
 
 def notebooks() -> list[Path]:
@@ -52,3 +84,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
             files.append(File.generated(config, f"tutorials/{path.stem}_{name}", content=content))
         files.append(File.generated(config, f"tutorials/{path.stem}.md", content=body))
     return files
+
+
+def on_page_content(html_text: str, **kwargs: Any) -> str:
+    """Formulas as MathML."""
+
+    def drawn(found: re.Match[str]) -> str:
+        before, kind, formula, after = found.groups()
+        formula = html.unescape(formula).replace(":=", r"\coloneqq ")
+        if kind == "(":
+            return before + mathml(formula, "inline") + after
+        # Formulas side by side may stand below each other where the page is too narrow for them.
+        parts = [formula] if r"\begin" in formula else re.split(r"\\q?quad\b", formula)
+        return before + "".join(mathml(part, "block") for part in parts) + after
+
+    return FORMULA.sub(drawn, html_text)
