@@ -10,6 +10,7 @@ ORDER = [
     "_version",
     "errors",
     "folders",
+    "progress",
     "numerics",
     "units",
     "checked",
