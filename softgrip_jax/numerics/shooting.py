@@ -8,9 +8,9 @@ runs about ten times slower on a few thousand small lanes. The adaptive path is 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,12 +22,21 @@ Field = Callable[[Float[Array, ""], Any, Any], Any]
 
 Steps = int | Int[Array, ""]
 
-SOLVER = diffrax.Dopri8()
-"""Order 8 in 12 stages."""
+Solver = Any
+"""An explicit Runge-Kutta solver of diffrax (AbstractERK): its tableau is what is used."""
+
+
+@cache
+def dopri8() -> Solver:
+    """Order 8 in 12 stages. Diffrax takes a quarter of the time that imports take: it is not asked for before."""
+    with jax.ensure_compile_time_eval():  # whatever diffrax makes when it is imported is no part of a program
+        import diffrax
+
+        return diffrax.Dopri8()
 
 
 def runge_kutta_step(
-    field: Field, y: Any, args: Any, s: Float[Array, ""], width: Float[Array, ""], solver: diffrax.AbstractERK
+    field: Field, y: Any, args: Any, s: Float[Array, ""], width: Float[Array, ""], solver: Solver
 ) -> Any:
     """One explicit Runge-Kutta step from s to s + width, by the solver's tableau.
 
@@ -60,13 +69,15 @@ def fixed_steps(
     start: Float[Array, ""],
     stop: Float[Array, ""],
     steps: Steps,
-    solver: diffrax.AbstractERK = SOLVER,
+    solver: Solver | None = None,
 ) -> tuple[Any, Any]:
     """(y at `stop`, y after every step) by `steps` equal steps of an explicit Runge-Kutta solver.
 
-    A number of steps that is an array is a loop of unknown length: forward mode only, and None for the steps' y.
+    solver: `dopri8` where none is given. A number of steps that is an array is a loop of unknown length: forward mode
+    only, and None for the steps' y.
     """
     width = (stop - start) / steps
+    solver = dopri8() if solver is None else solver
 
     def advance(y, k):
         y = runge_kutta_step(field, y, args, start + k * width, width, solver)
@@ -77,13 +88,13 @@ def fixed_steps(
     return lax.fori_loop(0, steps, lambda k, y: advance(y, k)[0], y), None
 
 
-def adaptive(
-    field: Field, y: Any, args: Any, start: Any, stop: Any, tolerance: float, saveat: diffrax.SaveAt | None = None
-) -> Any:
-    """y at `stop` (or at `saveat`) by adaptive steps: the accuracy reference. Forward derivatives only."""
+def adaptive(field: Field, y: Any, args: Any, start: Any, stop: Any, tolerance: float, saveat: Any = None) -> Any:
+    """y at `stop` (or at a diffrax.SaveAt) by adaptive steps: the accuracy reference. Forward derivatives only."""
+    import diffrax
+
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
-        SOLVER,
+        dopri8(),
         start,
         stop,
         None,
