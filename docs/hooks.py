@@ -12,6 +12,7 @@ import nbformat
 from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -78,12 +79,21 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Every notebook becomes a page, its pictures files beside it."""
     for path in notebooks():
-        body, resources = MarkdownExporter().from_notebook_node(nbformat.read(path, as_version=4))
+        notebook = nbformat.read(path, as_version=4)
+        notebook.metadata["language_info"] = {"name": "python"}  # for colours: it is not stored
+        body, resources = MarkdownExporter().from_notebook_node(notebook)
         for name, content in resources["outputs"].items():
             body = body.replace(f"({name})", f"({path.stem}_{name})")
             files.append(File.generated(config, f"tutorials/{path.stem}_{name}", content=content))
         files.append(File.generated(config, f"tutorials/{path.stem}.md", content=body))
     return files
+
+
+def on_page_markdown(markdown: str, page: Page, **kwargs: Any) -> str:
+    """A table of seven columns needs the room of the table of contents."""
+    if page.file.src_uri == "reproduction.md":
+        page.meta["hide"] = ["toc"]
+    return markdown
 
 
 def on_page_content(html_text: str, **kwargs: Any) -> str:
