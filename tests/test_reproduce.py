@@ -130,7 +130,7 @@ def test_files_and_count(found, tmp_path, capsys):
 
 
 def test_what_is_done_is_told_when_it_is_stopped(found, tmp_path, monkeypatch, capsys):
-    def stop():
+    def stop(tell):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(shells, "compute", lambda: found)
@@ -139,7 +139,8 @@ def test_what_is_done_is_told_when_it_is_stopped(found, tmp_path, monkeypatch, c
     with pytest.raises(KeyboardInterrupt):
         reproduce.run_reproduce(tmp_path / "out", Console(), as_json=True)
     assert len(json.loads(capsys.readouterr().out)) == len(shells.rows(found))
-    assert list(tmp_path.iterdir()) == []
+    assert "The run was stopped" in (tmp_path / "out" / "reproduction.md").read_text()
+    assert len((tmp_path / "out" / "reproduction.csv").read_text().splitlines()) == 1 + len(shells.rows(found))
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from .app import AsJson, app
+from .app import NO_ANSWER, AsJson, app
 
 
 @app.command()
@@ -79,8 +79,11 @@ def reproduce(
 ) -> None:
     """Recompute every number and trend of the thesis beside what it prints; a few minutes, less the second time.
 
+    Exit code 1 where a number differs and nobody knows why. Ctrl-C keeps what is done until then.
+
     - softgrip reproduce --out reproduction
     """
     from ..reproduce import run_reproduce
 
-    run_reproduce(out, Console(), as_json)
+    if run_reproduce(out, Console(), as_json):
+        raise typer.Exit(NO_ANSWER)

@@ -10,7 +10,6 @@ import io
 import json
 import time
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 
 from rich.console import Console
@@ -18,6 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ..folders import new_folder, write_whole
+from ..progress import stages
 from .rows import Row, Verdict
 
 PAGE = "reproduction.md"
@@ -32,50 +32,48 @@ STYLES = {
 def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> int:
     """Recompute everything, write the folder and report; returns how many rows differ without a reason.
 
-    Ctrl-C leaves no folder, but the rows that are done are still printed.
+    Ctrl-C keeps the rows that are done, in the folder and in the report, and is raised again. What was compiled is kept
+    by JAX's cache, so that the next run is soon as far.
     """
     from . import finger_rows, fingers, pictures, shells
 
     rows: list[Row] = []
-    began = time.monotonic()
-    aside = Console(stderr=True)
-    try:
-        with new_folder(out, "reproduction") as (folder, final):
-            found_shells = _stage(aside, "the shell: a dozen seconds", shells.compute)
-            rows += shells.rows(found_shells)
-            found_fingers = _stage(
-                aside, "fingers and grippers: a few minutes the first time, most of it compilation", fingers.compute
-            )
-            rows += finger_rows.rows(found_fingers)
-            (folder / "images").mkdir()
-            drawn = []
-            with aside.status("pictures"):
+    drawn: list[tuple[str, str]] = []
+    began, stopped = time.monotonic(), False
+    with new_folder(out, "reproduction") as (folder, final):
+        (folder / "images").mkdir()
+        with stages(Console(stderr=True)) as tell:
+            try:
+                tell("the shell: a dozen seconds")
+                found_shells = shells.compute()
+                rows += shells.rows(found_shells)
+                tell("fingers and grippers: a few minutes the first time, most of it compilation")
+                found_fingers = fingers.compute(tell)
+                rows += finger_rows.rows(found_fingers)
+                tell("pictures")
                 for name, caption, figure in pictures.pictures(found_shells, found_fingers):
                     figure.savefig(folder / "images" / f"reproduction_{name}.png")
                     drawn.append((name, caption))
-            write_whole(folder / PAGE, page(rows, drawn, shells.tilt_text(found_shells)).encode())
-            write_whole(folder / "reproduction.csv", table_of(rows).encode())
-    finally:
-        if as_json:
-            print(
-                json.dumps(
-                    [row._asdict() | {"verdict": row.verdict.value} for row in rows], indent=2, ensure_ascii=False
-                )
-            )
-        elif rows:
-            report(rows, console)
-    if not as_json:
+            except KeyboardInterrupt:
+                if not rows:
+                    raise
+                stopped = True
+        note = f"{STOPPED}\n\n" if stopped else ""
+        write_whole(folder / PAGE, page(rows, drawn, note + shells.tilt_text(found_shells)).encode())
+        write_whole(folder / "reproduction.csv", table_of(rows).encode())
+    if as_json:
+        plain = [row._asdict() | {"verdict": row.verdict.value} for row in rows]
+        print(json.dumps(plain, indent=2, ensure_ascii=False))
+    else:
+        report(rows, console)
         spent = time.monotonic() - began
         console.print(f"{final / PAGE} and its pictures were written in {spent:.0f} s.", soft_wrap=True)
+    if stopped:
+        raise KeyboardInterrupt
     return counts(rows)[Verdict.DIFFERS]
 
 
-def _stage(console: Console, words: str, compute):
-    """What `compute` returns, with a sign of life; a line where there is no terminal."""
-    if not console.is_terminal:
-        console.print(words, soft_wrap=True)
-    with console.status(words) if console.is_terminal else nullcontext():
-        return compute()
+STOPPED = "The run was stopped: these are the rows and pictures until then."
 
 
 def counts(rows: Sequence[Row]) -> dict[Verdict, int]:

@@ -13,6 +13,7 @@ import numpy as np
 from .. import thesis
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.scenes import Free
+from ..progress import Tell, silent
 from ..results import Solution, Status
 from ..scene import limit_pressure, pressure_for
 from ..units import kPa, mm
@@ -67,8 +68,9 @@ def free(kind: str, length: Any = 77 * mm, section: str = "thesis", **fields: An
     return dataclasses.replace(scene, finger=segmented(scene.finger, **fields))
 
 
-def compute() -> Fingers:
-    """Every state of the finger that the rows and the pictures need."""
+def compute(tell: Tell = silent) -> Fingers:
+    """Every state of the finger that the rows and the pictures need; `tell` hears of every part."""
+    parts = 5
     states, unstretched, blocked = Batch(), Batch(), Batch()
     for kind in thesis.KINDS:
         states.add(kind, [free(kind)] * len(PRESSURES), PRESSURES)
@@ -79,6 +81,7 @@ def compute() -> Fingers:
     # Chambers ever closer towards the tip, as in figure 6.17; the thesis does not print its own.
     states.add("nonuniform", [free("A", h_L=jnp.linspace(6.4, 2.0, SEGMENTS) * mm)], [PRESSURES[AT_21]])
     shapes = jax.jit(lambda solution: solution.shape(NODES))
+    tell("fingers in free space", 0, parts)
     found = states.solve()
     free_shape = {name: {k: np.asarray(v) for k, v in shapes(found[name]).items()} for name in thesis.KINDS}
     free_shape["nonuniform"] = {k: np.asarray(v) for k, v in shapes(found["nonuniform"]).items()}
@@ -91,10 +94,14 @@ def compute() -> Fingers:
     for length in thesis.LENGTHS.values():
         for kind in "CD":
             blocked.add(f"{kind} L {length / mm:.0f}", [thesis.blocked_finger(kind, 0.0, length)], [PRESSURES[AT_31]])
+    tell("held fingers", 1, parts)
     tips = blocked.solve(timed=True)
+    tell("their limits", 2, parts)
     limits = np.asarray(jax.jit(jax.vmap(limit_pressure))(stacked(lanes))).reshape(len(thesis.KINDS), -1)
     stretch = _largest_stretch([tips[f"{kind} {y / mm:.0f}"] for kind in thesis.KINDS for y in thesis.TIP_OFFSETS])
+    tell("grasps", 3, parts)
     held, needed = _grasps()
+    tell("fingers that do not stretch", 4, parts)
     by_kind = dict(zip(thesis.KINDS, limits, strict=True))
     return Fingers(found, unstretched.solve(), free_shape, tips, stretch, by_kind, held, needed, blocked.seconds)
 
