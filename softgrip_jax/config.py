@@ -373,6 +373,12 @@ def keys_of(cls: type) -> dict[str, Key]:
         known = "rule" in meta or "types" in meta or "allowed" in meta or meta.get("friction")
         if not known and annotation not in (int, bool, str):
             continue
+        if "rule" in meta and "size" not in meta and not shapes_of(annotation):
+            name = getattr(annotation, "__name__", annotation)
+            raise ConfigError(
+                f"{cls.__name__}.{field.name} is annotated {name}, which does not say whether it is one number or a "
+                "list; write Float[Array, ''] (softgrip_jax.scene.Scalar) for a number, Float[Array, 'n'] for a list."
+            )
         key = unit_key(field.name, meta["kind"]) if "rule" in meta else field.name
         keys.append(Key(field.name, key, field, annotation, _is_required(field)))
     return {key.key: key for key in keys}

@@ -258,3 +258,11 @@ def test_the_same_key_for_every_unit_label():
     keys = [config.unit_key("x", kind) for kind in units.DISPLAY]
     assert set(keys) >= {"x_mm", "x_mm2", "x_N", "x_N_per_m", "x_N_mm", "x_kPa", "x_deg", "x_g", "x"}
     assert all(part.isidentifier() for part in keys)
+
+
+def test_an_annotation_without_a_shape_is_one_sentence():
+    class Bare(checked.Checked):
+        lip: jax.Array = checked.positive("length")
+
+    with pytest.raises(config.ConfigError, match=r"Bare.lip is annotated Array, .* write Float\[Array, ''\]"):
+        config.keys_of(Bare)
