@@ -131,6 +131,12 @@ def test_a_linear_finger_by_hand_and_its_picture(tmp_path, capsys):
 
 
 def test_what_nothing_is_drawn_of_is_one_sentence(tmp_path, capsys):
-    assert run(["solve", str(CONFIGS / "finger_chamber.toml"), "--plot", str(tmp_path / "chamber.png")]) == 2
-    assert capsys.readouterr().err.strip() == "--plot: There is no picture of a Chamber yet."
-    assert not list(tmp_path.iterdir())
+    plain = (CONFIGS / "finger_chamber.toml").read_text().replace('"pneunet.Chamber"', '"pneunet.SmallStrainChamber"')
+    config = tmp_path / "plain.toml"
+    config.write_text("\n".join(line for line in plain.splitlines() if not line.startswith("inclination")))
+    for arguments in (["solve", "--plot", "chamber.png"], ["path", "--to-kPa", "31", "--animate", "chamber.gif"]):
+        command, option, name = arguments[0], arguments[-2], arguments[-1]
+        assert run([command, str(config), *arguments[1:-1], str(tmp_path / name)]) == 2
+        sentence = "here is no picture of a SmallStrainChamber yet."
+        assert capsys.readouterr().err.strip() in (f"{option}: T{sentence}", f"{option}: t{sentence}")
+    assert list(tmp_path.iterdir()) == [config]

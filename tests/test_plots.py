@@ -168,3 +168,25 @@ def test_the_finger_is_drawn_where_it_is():
     np.testing.assert_allclose((outer - inner) / 5, [np.sin(angle), np.cos(angle)], atol=1e-9)
     figure.draw_without_rendering()
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("along the finger, x (mm)", "y (mm)")
+
+
+@pytest.mark.parametrize("inclination", [0.0, 0.12, -0.05])
+def test_a_chamber_s_walls_go_from_edge_to_edge_and_lie_on_each_other(inclination):
+    finger = sg.PneuNet.table_5_1("A")
+    solution = sg.pneunet.chamber(finger, 31 * kPa, inclination)
+    ax = plots.draw(solution).axes[0]
+    left, right = (line.get_xydata() for line in ax.lines if len(line.get_xydata()) > 50 and line.get_linewidth() == 2)
+    np.testing.assert_allclose(left, right * [-1, 1], atol=1e-12)
+    # The edges of a wall are 2 a apart on a line that leans by theta_s; the one on the cover is h_x from the plane.
+    cover, outer = sorted((right[0], right[-1]), key=lambda point: point[1])
+    np.testing.assert_allclose(cover[0], float(finger.h_x) / mm, rtol=1e-12)
+    leaning = 2 * float(finger.a) / mm * np.array([np.sin(inclination), np.cos(inclination)])
+    np.testing.assert_allclose(outer - cover, leaning, rtol=1e-12)
+    assert np.all(right[:, 0] >= -1e-12)
+    on_plane = right[right[:, 0] < 1e-9]
+    if inclination == 0:
+        np.testing.assert_allclose(np.ptp(on_plane[:, 1]), float(solution.contact_width) / mm, rtol=1e-9)
+        # Arc, flat and arc are as long as the stretched wall.
+        wall = sg.pneunet.Chamber(finger, 0.0).wall(solution.clamp_angle)
+        length = np.sum(np.hypot(*np.diff(right, axis=0).T))
+        np.testing.assert_allclose(length, 2 * float(finger.a * wall.stretch) / mm, rtol=1e-4)

@@ -143,6 +143,11 @@ def path(
         if file is not None:
             check_file(file, option, endings)
     asked = one_scene(config, scene).scene
+    if animate is not None:
+        from ..plots import has_picture
+
+        if not has_picture(asked):
+            raise ConfigError(f"--animate: there is no picture of a {type(asked).__name__} yet.")
     shown = observable_of(asked, observable)
     aside = Console(stderr=True)
     stopped = False

@@ -3,6 +3,7 @@
 Lengths in mm, pressures in kPa.
 """
 
+from . import chamber as chamber
 from . import energy as energy
 from . import finger as finger
 from . import shell as shell

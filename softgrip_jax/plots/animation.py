@@ -45,7 +45,8 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
         status = Status(int(states.status[0]))
         raise ValueError(f"There is no state to draw at any of the {len(pressures)} pressures: {status.message}.")
     kept = jax.tree.map(lambda x: x[good], states)
-    shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept)
+    has_shape = type(scene).profile is not Scene.profile
+    shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept) if has_shape else {}
     # The batch has one scene per lane or one for all; a still needs its own.
     single = [jax.tree.map(lambda x, k=k: x[k], (kept, shapes)) for k in range(good.size)]
     return [

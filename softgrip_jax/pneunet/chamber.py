@@ -64,7 +64,7 @@ class Chamber(CurveScene):
         "clamp_angle": "angle",
     }
 
-    def _nearer_edge(self) -> tuple[Scalar, Scalar]:
+    def nearer_edge(self) -> tuple[Scalar, Scalar]:
         """Distance of the contact plane from the wall's nearer edge, m, and its inclination away from there."""
         f, th_s = self.finger, self.inclination
         return jnp.where(th_s < 0, f.h_x + 2 * f.a * jnp.sin(th_s), f.h_x), jnp.where(th_s < 0, -th_s, th_s)
@@ -72,19 +72,19 @@ class Chamber(CurveScene):
     def wall(self, angle: Scalar) -> InclinedWall:
         """The wall at theta_m2."""
         f = self.finger
-        distance, incline = self._nearer_edge()
+        distance, incline = self.nearer_edge()
         return inclined_wall(angle, f.a, f.b, f.t_m, f.material, distance, incline)
 
     def prepared(self):
         return _one_chamber(self)
 
     def is_possible(self):
-        return self._nearer_edge()[0] >= 0
+        return self.nearer_edge()[0] >= 0
 
     def search_interval(self) -> tuple[Scalar, Scalar]:
         """theta_m2 from a flat wall to the end of the model."""
         f = self.finger
-        start = START * jnp.arctan(jnp.maximum(self._nearer_edge()[0], 0.0) / f.a) + LEAST_ANGLE
+        start = START * jnp.arctan(jnp.maximum(self.nearer_edge()[0], 0.0) / f.a) + LEAST_ANGLE
         end = jnp.pi + jnp.zeros_like(start)
         if has_largest_stretch(f.material):
             end = locking_angle(self._stretchable, start, end)
