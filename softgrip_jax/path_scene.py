@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,8 +23,8 @@ from .scene import Found, Scene, frozen
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
-Goal = Callable[[Vector, Fine], Scalar]
-"""(u, fine) -> a number that rises through zero where a search ends."""
+Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
+"""(what it needs, point u, what is observed there) -> a number that rises through zero where a search ends."""
 
 
 class Span(NamedTuple):
@@ -61,12 +61,12 @@ class PathScene(Scene):
 
         fine: where it is not True but an array, cheap numerics may do (see `paths.follow`), in forward mode only."""
 
-    def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar, fine: Fine = True) -> Vector:
+    def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
         """The equations alone."""
-        return self.measured(unknowns, share, pressure, fine)[0]
+        return self.measured(unknowns, share, pressure)[0]
 
-    def observe(self, unknowns, pressure, fine: Fine = True):
-        return self.measured(unknowns, jnp.ones_like(pressure), pressure, fine)[1]
+    def observe(self, unknowns, pressure):
+        return self.measured(unknowns, jnp.ones_like(pressure), pressure)[1]
 
     def has_rough_way(self) -> bool:
         """Whether there are cheap numerics to find the way with."""
@@ -86,27 +86,29 @@ class PathScene(Scene):
     def _start(self) -> Vector:
         return jnp.append(self.rest(), jnp.where(self.is_unloaded(), 1.0, 0.0))
 
-    def _search(self, start: Vector, goal: Goal, span: Span) -> tuple[Vector, Array, Array]:
-        """(point u, status, steps) where `goal` rises through zero along the path from `start`."""
+    def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> tuple[Vector, Array, Array]:
+        """(point u, status, iterations) where goal(context, ...) rises through zero along the path from `start`."""
 
-        def along(u, fine):
+        def equations(u, fine, args):
+            scene, context, span = args
             # The loads arrive with zero slope at u[-1] = 1, where the pressure takes over: no kink for the tangent.
             share = 1 - (1 - jnp.minimum(u[-1], 1)) ** 2
-            return self.ramped(u[:-1], share, span.pressure_at(u), fine)
+            residual, observed = scene.measured(u[:-1], share, span.pressure_at(u), fine)
+            return residual, goal(context, u, observed)
 
-        end = follow(along, start, goal, self.has_rough_way())
+        end = follow(equations, start, (self, context, span), self.has_rough_way())
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
         status = jnp.where((status == Status.BEYOND_LIMIT) & (end.point.u[-1] <= 1), Status.IMPOSSIBLE, status)
         possible = admissible(self) & self.is_possible()
-        return end.point.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.steps
+        return end.point.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
 
     def find(self, pressure):
         span = self.pressure_span()
         wanted = span.place_of(pressure)
         reachable = jnp.minimum(wanted, span.place_of(span.end))
-        u, status, steps = self._search(self._start(), lambda u, _: u[-1] - reachable, span)
+        u, status, steps = self._search(self._start(), _to_place, reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
@@ -117,7 +119,7 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._start(), lambda u, _: u[-1] - span.place_of(span.end), span)
+        u, status, _ = self._search(self._start(), _to_place, span.place_of(span.end), span)
         at_fold = status == Status.BEYOND_LIMIT
         pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
@@ -139,15 +141,14 @@ class PathScene(Scene):
         fixed, value = frozen((self, target))
         span = fixed.pressure_span()
 
-        def surplus(scene, target, unknowns, pressure, fine=True):
-            size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
-            return (scene.observe(unknowns, pressure, fine)[name] - target) / size
+        def surplus(target, _, observed):
+            return (observed[name] - target) / jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
 
-        def over(u, fine=True):
-            return surplus(fixed, value, u[:-1], span.pressure_at(u), fine)
+        def over(u):
+            return surplus(value, u, fixed.observe(u[:-1], span.pressure_at(u)))
 
-        loaded, status, steps = fixed._search(fixed._start(), lambda u, _: u[-1] - 1, span)
-        u, reached, more = fixed._search(loaded.at[-1].set(1.0), over, span)
+        loaded, status, steps = fixed._search(fixed._start(), _to_place, jnp.ones_like(span.end), span)
+        u, reached, more = fixed._search(loaded.at[-1].set(1.0), surplus, value, span)
         status = jnp.where(status == Status.OK, jnp.where(over(loaded) >= 0, Status.NO_CONTACT, reached), status)
         pressure = span.pressure_at(u)
         status = jnp.where((status == Status.OK) & (pressure > span.end), Status.BEYOND_LIMIT, status)
@@ -160,8 +161,9 @@ class PathScene(Scene):
 
         def equations(point, args):
             scene, target, step = args
-            y, p = point[:-1], point[-1] * step
-            return jnp.append(scene.residual(y, p), surplus(scene, target, y, p))
+            p = point[-1] * step
+            residual, observed = scene.measured(point[:-1], jnp.ones_like(p), p)
+            return jnp.append(residual, surplus(target, point, observed))
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
         solution = scene._report(point[:-1], point[-1] * step, found)
@@ -171,7 +173,7 @@ class PathScene(Scene):
     def branch(self, n):
         """n points at equal arc lengths from the first effect of pressure, through the limit point."""
         span = self.pressure_span()
-        loaded, status, _ = self._search(self._start(), lambda u, _: u[-1] - 1, span)
+        loaded, status, _ = self._search(self._start(), _to_place, jnp.ones_like(span.end), span)
 
         def along(u):
             return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
@@ -184,6 +186,11 @@ class PathScene(Scene):
             return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
         return jax.vmap(report)(points, trusted)
+
+
+def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
+    """The goal of a search for a place on the path."""
+    return u[-1] - place
 
 
 BRANCH_LENGTH = 50.0

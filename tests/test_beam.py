@@ -126,7 +126,7 @@ def typical_beam():
     loads = beam.Loads(jnp.asarray(0.01), jnp.asarray(0.02), jnp.asarray(0.0), jnp.asarray(0.01))
     cover = beam.Cover(jnp.asarray(5 / 77), ExactNeoHookean(), loads)
     zero = jnp.asarray(0.0)
-    return cover, beam.State(zero, jnp.asarray(0.2), zero, zero, zero, zero), jnp.asarray(-0.13)
+    return cover, beam.beginning(zero, jnp.asarray(0.2)), jnp.asarray(-0.13)
 
 
 def test_fixed_steps_have_order_eight():

@@ -4,8 +4,9 @@ A path is followed from a known point in the direction of growing load, so what 
 that point and on no other. Points are vectors u = (y, load), scaled by the caller so that each entry is of order one.
 No derivatives pass through (see roots.implicit).
 
-One loop does everything (steps, the search for a limit point, the last step to the goal) with one corrector in its
-body: the residual and its Jacobian are compiled once, which for a beam is what users wait for.
+One loop does everything (steps, the search for a limit point, the last step to the goal), one Newton iteration of
+whatever is under way at a time: the residual and its Jacobian are compiled once, which for a beam is what users wait
+for, and lanes of a batch do not wait for each other's iterations (see `queue`).
 """
 
 from __future__ import annotations
@@ -18,16 +19,15 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .queue import in_slots
 from .roots import implicit, select, solve_small
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
-Residual = Callable[[Vector], Vector]
-"""u of size n + 1 -> n equations."""
-Goal = Callable[[Vector], Scalar]
-"""u -> a number that rises through zero where the search ends."""
 Fine = Bool[Array, ""] | bool
-"""Whether a residual or a goal is wanted as it is (True) or by cheap means that show the way (False)."""
+"""Whether equations are wanted as they are (True) or by cheap means that show the way (False)."""
+Equations = Callable[[Vector, Fine, Any], tuple[Vector, Scalar]]
+"""(u of size n + 1, fine, args) -> n equations, and the goal: a number that rises through zero where a search ends."""
 
 FIRST_STEP = 1.0
 LARGEST_STEP = 4.0
@@ -68,55 +68,72 @@ STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
 
 class Point(NamedTuple):
-    """A point of a path with its unit tangent."""
+    """A point of a path with its unit tangent, and how far it is from the goal."""
 
     u: Vector
     tangent: Vector
+    goal: Scalar
 
 
-class Corrected(NamedTuple):
-    """Result of a Newton iteration, with the Jacobian of its last step."""
+class Newton(NamedTuple):
+    """A Newton iteration under way: where it is, the goal there, and the sizes of its last two moves."""
 
     u: Vector
-    jacobian: Float[Array, "n n"]
-    converged: Bool[Array, ""]
+    goal: Scalar
+    before_last: Scalar
+    last: Scalar
+    count: Int[Array, ""]
 
 
-def value_and_jacobian(function: Residual, u: Vector) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
+def _newton_from(guess: Vector) -> Newton:
+    far = jnp.full((), jnp.inf, guess.dtype)
+    return Newton(guess, far, far, far, jnp.asarray(0))
+
+
+def value_and_jacobian(
+    function: Callable[[Vector], Float[Array, " m"]], u: Vector
+) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
     """function(u) and its Jacobian, with the function's own work done once."""
     return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
 
-def newton(
-    function: Residual, u: Vector, limit: Int[Array, ""] | int = NEWTON_STEPS, accuracy: Accuracy = FINE
-) -> Corrected:
-    """Newton's method from a good start; given up where its moves do not contract."""
-    n = u.shape[0]
+def _newton_step(
+    equations: Callable[[Vector], tuple[Vector, Scalar]],
+    tangent: Vector,
+    guess: Vector,
+    to_goal: Bool[Array, ""] | bool,
+    newton: Newton,
+) -> tuple[Newton, Float[Array, "k n"]]:
+    """One Newton step towards the path in the plane through `guess` across the tangent or, with `to_goal`, towards the
+    path where goal = 0; and the Jacobian of the equations before it."""
+    u = newton.u
+    value, jacobian = value_and_jacobian(lambda u: jnp.append(*equations(u)), u)
+    last = jnp.where(to_goal, value[-1], jnp.dot(tangent, u - guess))
+    row = jnp.where(to_goal, jacobian[-1], tangent)
+    move = solve_small(jacobian.at[-1].set(row), value.at[-1].set(last))
+    size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+    size = jnp.where(jnp.isfinite(size), size, jnp.inf)
+    goal = value[-1] - jnp.dot(jacobian[-1], move)
+    return Newton(u - move, goal, newton.last, size, newton.count + 1), jacobian[:-1]
 
-    def next_move(before_last, last):
-        """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving."""
-        ratio = jnp.where(jnp.isfinite(before_last), last / before_last, 1.0)
-        return last * jnp.minimum(ratio, 1.0) ** 2
 
-    def step(state):
-        u, _, _, last, count = state
-        value, jacobian = value_and_jacobian(function, u)
-        move = solve_small(jacobian, value)
-        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
-        return u - move, jacobian, last, jnp.where(jnp.isfinite(size), size, jnp.inf), count + 1
+def _next_move(newton: Newton) -> Scalar:
+    """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving."""
+    ratio = jnp.where(jnp.isfinite(newton.before_last), newton.last / newton.before_last, 1.0)
+    return newton.last * jnp.minimum(ratio, 1.0) ** 2
 
-    def busy(state):
-        u, _, before_last, last, count = state
-        contracts = last <= jnp.maximum(CONTRACTION * before_last, SETTLED)
-        # Written so that a NaN, from two moves of zero or from none at all, ends the loop.
-        more = ~(next_move(before_last, last) <= accuracy.move) & (last > accuracy.move)
-        return more & (count < limit) & contracts & jnp.all(jnp.isfinite(u))
 
-    far = jnp.asarray(jnp.inf, u.dtype)
-    start = (u, jnp.eye(n, dtype=u.dtype), far, far, jnp.asarray(0))
-    u, jacobian, before_last, last, _ = lax.while_loop(busy, step, start)
-    settled = (last <= accuracy.move) | (next_move(before_last, last) <= accuracy.move)
-    return Corrected(u, jacobian, settled & jnp.isfinite(last))
+def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) -> Bool[Array, ""]:
+    """Whether a Newton iteration has more to do; it is given up where its moves do not contract."""
+    contracts = newton.last <= jnp.maximum(CONTRACTION * newton.before_last, SETTLED)
+    # Written so that a NaN, from two moves of zero or from none at all, ends the loop.
+    more = ~(_next_move(newton) <= accuracy.move) & (newton.last > accuracy.move)
+    return more & (newton.count < limit) & contracts & jnp.all(jnp.isfinite(newton.u))
+
+
+def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
+    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move)
+    return settled & jnp.isfinite(newton.last)
 
 
 def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[Array, " m"]:
@@ -126,33 +143,26 @@ def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[
     return tangent / jnp.linalg.norm(tangent)
 
 
-def correct(
-    residual: Residual,
-    point: Point,
+def _arrived(
+    newton: Newton,
+    jacobian: Float[Array, "k n"],
+    before: Point,
     guess: Vector,
-    goal: Goal | None = None,
-    to_goal: Bool[Array, ""] | bool = False,
-    accuracy: Accuracy = FINE,
+    to_goal: Bool[Array, ""] | bool,
+    accuracy: Accuracy,
     first: Bool[Array, ""] | bool = False,
 ) -> tuple[Point, Bool[Array, ""]]:
-    """The point of the path next to `guess`, in the plane across the tangent or, with `to_goal`, where goal = 0.
+    """Where a Newton iteration ended, and whether that can be trusted to be the path's next point.
 
-    Returns it and whether it can be trusted: converged, the tangent has not turned too far since `point`, and the
-    correction was small (a goal may be far from its guess along the path). At the first point the tangent was only
-    guessed: it may turn as it likes, but must point to growing load.
+    It is if it converged, the tangent has not turned too far since `before`, and the correction was small (a goal may
+    be far from its guess along the path). At the first point the tangent was only guessed: it may turn as it likes,
+    but must point to growing load.
     """
-
-    def equations(u):
-        plane = jnp.dot(point.tangent, u - guess)
-        last = plane if goal is None else jnp.where(to_goal, goal(u), plane)
-        return jnp.append(residual(u), last)
-
-    found = newton(equations, guess, jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS), accuracy)
-    tangent = _tangent(found.jacobian[:-1], point.tangent)
-    steady = jnp.dot(tangent, point.tangent) > TURN
-    near = jnp.linalg.norm(found.u - guess) <= DETOUR * jnp.linalg.norm(guess - point.u) + SETTLED
+    tangent = _tangent(jacobian, before.tangent)
+    steady = jnp.dot(tangent, before.tangent) > TURN
+    near = jnp.linalg.norm(newton.u - guess) <= DETOUR * jnp.linalg.norm(guess - before.u) + SETTLED
     trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | to_goal))
-    return Point(found.u, tangent), found.converged & trusted
+    return Point(newton.u, tangent, newton.goal), _converged(newton, accuracy) & trusted
 
 
 class Search(NamedTuple):
@@ -181,6 +191,11 @@ class Search(NamedTuple):
     """Whether the search began at a point of the rough path, which is corrected first."""
     mode: Int[Array, ""]
     count: Int[Array, ""]
+    guess: Vector
+    """Where the Newton iteration under way began."""
+    newton: Newton
+    iterations: Int[Array, ""]
+    """Newton iterations so far."""
 
 
 class End(NamedTuple):
@@ -188,85 +203,100 @@ class End(NamedTuple):
 
     point: Point
     reason: Int[Array, ""]
-    steps: Int[Array, ""]
+    iterations: Int[Array, ""]
+    """Newton iterations."""
 
 
-def follow(
-    residual: Callable[[Vector, Fine], Vector], u: Vector, goal: Callable[[Vector, Fine], Scalar], roughly: bool = False
-) -> End:
-    """Follow the path from u towards growing load until `goal` rises through zero, the load turns, or the path ends.
+def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = False) -> End:
+    """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
+    equations: must take every traced value through u and args.
     roughly: the way is found with the cheap equations alone, and its end is corrected; where that is not plainly the
     same point, the path itself is followed from u. Both ways are one program, compiled once.
     """
     start = _begin(u)
     if not roughly:
-        end = _walk(lambda u: residual(u, True), start, start, lambda u: goal(u, True), FINE)
-        return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.count)
+        end = _walk(equations, start, start, True, args)
+        return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
     def walk(last, fine):
-        way, count = last
+        way, iterations = last
         # At the goal one correction remains; a limit point is looked for again from the last point before it.
         arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
         near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
-        near_end = select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True))
+        near_end = _aimed(select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True)))
         begin = select((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
-        accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
-        found = _walk(lambda u: residual(u, fine), begin, start, lambda u: goal(u, fine), accuracy)
-        return (found, count + found.count), None
+        found = _walk(equations, begin, start, fine, args)
+        return (found, iterations + found.iterations), None
 
-    (end, count), _ = lax.scan(walk, (start, jnp.asarray(0)), jnp.asarray([False, True]))
-    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), count)
+    (end, iterations), _ = lax.scan(walk, (start, jnp.asarray(0)), jnp.asarray([False, True]))
+    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), iterations)
 
 
 def _begin(u: Vector) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
-    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0))
+    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero)
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + FIRST_STEP
-    return Search(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, mode, count)
+    return Search(
+        *(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, mode, count),
+        guess=u,
+        newton=_newton_from(u),
+        iterations=count,
+    )
 
 
-def _walk(residual: Residual, start: Search, fresh: Search, goal: Goal, accuracy: Accuracy) -> Search:
+def _aimed(search: Search) -> Search:
+    """With a guess of the next trial: a quadratic as the path bent before, or through `before`, its tangent, `far`."""
+    before, far, length, high = search.before, search.far, search.length, search.high
+    through_far = (far.u - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
+    bend = jnp.where(search.mode == STEPPING, 0.5 * search.bend, through_far)
+    guess = before.u + jnp.where(search.count == 0, 0.0, length) * (before.tangent + length * bend)
+    return search._replace(guess=guess, newton=_newton_from(guess))
+
+
+def _walk(equations: Equations, start: Search, fresh: Search, fine: Fine, args: Any) -> Search:
     """One search to its end; where what it was lent turns out to be wrong, another from `fresh`."""
 
-    def guess_of(search: Search) -> Vector:
-        """A quadratic at the next trial: as the path bent before, or through `before`, its tangent and `far`."""
-        before, far, length = search.before, search.far, search.length
-        through_far = (far.u - before.u - search.high * before.tangent) / jnp.where(
-            search.high > 0, search.high, 1
-        ) ** 2
-        bend = jnp.where(search.mode == STEPPING, 0.5 * search.bend, through_far)
-        return before.u + jnp.where(search.count == 0, 0.0, length) * (before.tangent + length * bend)
-
-    def step(search: Search) -> Search:
+    def iterate(search: Search, context) -> Search:
+        fresh, fine, args = context
+        accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
         to_goal = search.mode == TO_GOAL
+        newton, jacobian = _newton_step(
+            lambda u: equations(u, fine, args), search.before.tangent, search.guess, to_goal, search.newton
+        )
         first = (search.count == 0) & ~to_goal
-        new, good = correct(residual, search.before, guess_of(search), goal, to_goal, accuracy, first)
+        new, good = _arrived(newton, jacobian, search.before, search.guess, to_goal, accuracy, first)
         u, lent = search.before.u, search.lent & (search.count == 0)
         same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
         good &= same | ~lent
-        stepped = _after_step(search, new, good, goal)
-        folding = _after_fold_trial(search, new, good, goal, accuracy.flat)
+        stepped = _after_step(search, new, good)
+        folding = _after_fold_trial(search, new, good, accuracy.flat)
         reached = _after_goal_trial(search, new, good)
         chosen = select(search.mode == STEPPING, stepped, select(to_goal, reached, folding))
-        chosen = chosen._replace(count=search.count + 1)
+        chosen = _aimed(chosen._replace(count=search.count + 1))
         astray = (lent & ~good) | (search.lent & (chosen.mode == ENDED))
-        return select(astray, fresh, chosen)
+        chosen = select(astray, fresh, chosen)
+        limit = jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS)
+        following = select(_goes_on(newton, limit, accuracy), search._replace(newton=newton), chosen)
+        return following._replace(iterations=search.iterations + 1)
 
-    return lax.while_loop(lambda s: (s.mode < REACHED) & (s.count < MAX_STEPS), step, start)
+    def busy(search: Search) -> Bool[Array, ""]:
+        return (search.mode < REACHED) & (search.count < MAX_STEPS)
+
+    return in_slots(busy, iterate, start, (fresh, fine, args))
 
 
-def _to_goal(search: Search, goal: Goal) -> Search:
+def _to_goal(search: Search) -> Search:
     """Aim at the goal between `before` and `far`: a straight line, or a parabola with its top at a limit point."""
-    near, there = goal(search.before.u), goal(search.far.u)
+    near, there = search.before.goal, search.far.goal
     rest = there / jnp.where(there > near, there - near, 1.0)
     share = 1 - jnp.where(search.at_fold, jnp.sqrt(jnp.maximum(rest, 0.0)), rest)
     return search._replace(length=search.high * jnp.clip(share, 0.0, 1.0), mode=jnp.asarray(TO_GOAL))
 
 
-def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -> Search:
+def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     first = search.count == 0
     shorter, longer = 0.3 * search.length, jnp.minimum(2 * search.length, LARGEST_STEP)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
@@ -280,11 +310,11 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], goal: Goal) -
         rise_high=new.tangent[-1],
     )
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
-    aimed = _to_goal(interval, goal)
+    aimed = _to_goal(interval)
     at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
     again = search._replace(length=shorter, mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING))
 
-    past = goal(new.u) >= 0
+    past = new.goal >= 0
     result = select(new.tangent[-1] <= 0, fold, select(past, select(first, at_once, aimed), ahead))
     return select(good, result, again)
 
@@ -312,7 +342,7 @@ def _between(search: Search) -> Scalar:
     return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
 
 
-def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: Goal, flat: Scalar | float) -> Search:
+def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], flat: Scalar | float) -> Search:
     rise = new.tangent[-1]
     rising = rise > 0
     side = jnp.where(rising, 1, -1)
@@ -330,8 +360,8 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], goal: G
     # A bracket that closes where the tangent jumps holds no limit point.
     lost = ~good | (~done & (inner.high - inner.low < 1e-12))
     at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
-    over = goal(new.u) >= 0
-    aimed, stopped = _to_goal(at_fold, goal), at_fold._replace(mode=jnp.asarray(FOLD))
+    over = new.goal >= 0
+    aimed, stopped = _to_goal(at_fold), at_fold._replace(mode=jnp.asarray(FOLD))
     finished = select(over, aimed, stopped)
     back = _step_again(search)
     return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
@@ -409,20 +439,32 @@ def fold_load(residual: Callable[[Vector, Any], Vector], u: Vector, args: Any) -
     return load(lax.stop_gradient(u), args)
 
 
-def trace(residual: Residual, u: Vector, step: float, n: int) -> tuple[Float[Array, "k m"], Bool[Array, " k"]]:
+def trace(
+    residual: Callable[[Vector], Vector], u: Vector, step: float, n: int
+) -> tuple[Float[Array, "k m"], Bool[Array, " k"]]:
     """n points of the path from u at equal arc lengths, through any limit point; and which are trusted."""
     zero = jnp.zeros((), u.dtype)
-    start, _ = correct(residual, Point(u, jnp.zeros_like(u).at[-1].set(1.0)), u)
+
+    def correct(point: Point, guess: Vector) -> tuple[Point, Bool[Array, ""]]:
+        """The point of the path next to `guess`, in the plane across the tangent, and whether it can be trusted."""
+
+        def step(state):
+            return _newton_step(lambda u: (residual(u), zero), point.tangent, guess, False, state[0])
+
+        start = (_newton_from(guess), jnp.zeros((u.shape[0] - 1, u.shape[0]), u.dtype))
+        newton, jacobian = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
+        return _arrived(newton, jacobian, point, guess, False, FINE)
+
+    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero), u)
 
     def next_point(state, _):
         point, length, alive = state
 
         def attempt(state):
             point, length, rest = state
-            new, good = correct(residual, point, point.u + jnp.minimum(length, rest) * point.tangent)
-            point = jax.tree.map(lambda a, b: jnp.where(good, a, b), new, point)
+            new, good = correct(point, point.u + jnp.minimum(length, rest) * point.tangent)
             rest = jnp.where(good, rest - jnp.minimum(length, rest), rest)
-            return point, jnp.where(good, 2 * length, 0.3 * length), rest
+            return select(good, new, point), jnp.where(good, 2 * length, 0.3 * length), rest
 
         def busy(state):
             return alive & (state[2] > 0) & (state[1] > SMALLEST_STEP)

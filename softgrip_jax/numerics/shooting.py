@@ -69,11 +69,13 @@ def fixed_steps(
     start: Float[Array, ""],
     stop: Float[Array, ""],
     steps: Steps,
+    settled: Field | None = None,
     solver: Solver | None = None,
 ) -> tuple[Any, Any]:
     """(y at `stop`, y after every step) by `steps` equal steps of an explicit Runge-Kutta solver.
 
-    solver: `dopri8` where none is given. A number of steps that is an array is a loop of unknown length: forward mode
+    settled(s, y, args): what replaces y after a step, where y has parts that follow from others. solver: `dopri8`
+    where none is given. A number of steps that is an array is a loop of unknown length: forward mode
     only, and None for the steps' y.
     """
     width = (stop - start) / steps
@@ -81,6 +83,7 @@ def fixed_steps(
 
     def advance(y, k):
         y = runge_kutta_step(field, y, args, start + k * width, width, solver)
+        y = y if settled is None else settled(start + (k + 1) * width, y, args)
         return y, y
 
     if isinstance(steps, int):

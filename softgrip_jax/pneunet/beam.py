@@ -27,10 +27,13 @@ Scalar = Float[Array, ""]
 class State(NamedTuple):
     """The beam at one place: angle, external moment, position, and the section's own state.
 
-    The section's state is carried along, by the law's rates, instead of being solved for at every place.
+    The section's state is carried along, by the law's rates, instead of being solved for at every place; so are the
+    cosine and the sine of the angle, whose rates are multiplications.
     """
 
     theta: Scalar
+    cosine: Scalar
+    sine: Scalar
     moment: Scalar
     x: Scalar
     y: Scalar
@@ -57,30 +60,51 @@ class Cover(NamedTuple):
     loads: Loads
 
 
+def beginning(theta: Scalar, moment: Scalar) -> State:
+    """The state in the origin with this angle and external moment; the section's own is found by `entered`."""
+    zero = jnp.zeros_like(theta)
+    return State(theta, jnp.cos(theta), jnp.sin(theta), moment, zero, zero, zero, zero)
+
+
 def forces(cover: Cover, s: Scalar) -> tuple[Scalar, Scalar]:
     """(P, Q) at s."""
     loads, rest = cover.loads, 1 - s
     return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
 
 
+def section_loads(cover: Cover, s: Scalar, state: State, active: Scalar) -> tuple[Scalar, Scalar]:
+    """(m, n) on the section at s."""
+    p, q = forces(cover, s)
+    return state.moment + active, p * state.cosine + q * state.sine
+
+
 def entered(cover: Cover, s: Scalar, state: State, active: Scalar) -> State:
     """The state at s with the section's state under M and N: where a part begins, its active moment jumps."""
-    p, q = forces(cover, s)
-    z, stretch = cover.law(state.moment + active, p * jnp.cos(state.theta) + q * jnp.sin(state.theta))
+    z, stretch = cover.law(*section_loads(cover, s, state, active))
     return state._replace(z=z, stretch=stretch)
+
+
+def settled(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
+    """The state at s with the section's state corrected by one Newton step: what was carried along has strayed a
+    little from the law, and the more the nearer the inner fibre is to its end."""
+    cover, active = args
+    m, n = section_loads(cover, s, state, active)
+    held_m, held_n = cover.law.loads(state.z, state.stretch)
+    dz, dstretch = cover.law.rates(m, state.z, state.stretch, m - held_m, n - held_n)
+    return state._replace(z=state.z + dz, stretch=state.stretch + dstretch)
 
 
 def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
     """d(state)/ds."""
     cover, active = args
-    sine, cosine = jnp.sin(state.theta), jnp.cos(state.theta)
     p, q = forces(cover, s)
     turn = state.z / cover.slenderness
-    across = p * sine - q * cosine
+    across = p * state.sine - q * state.cosine
     dm = state.stretch * across / cover.slenderness
-    dn = -across * turn - cover.loads.g_x * cosine - cover.loads.g_y * sine
+    dn = -across * turn - cover.loads.g_x * state.cosine - cover.loads.g_y * state.sine
     dz, dstretch = cover.law.rates(state.moment + active, state.z, state.stretch, dm, dn)
-    return State(turn, dm, state.stretch * cosine, state.stretch * sine, dz, dstretch)
+    dx, dy = state.stretch * state.cosine, state.stretch * state.sine
+    return State(turn, -state.sine * turn, state.cosine * turn, dm, dx, dy, dz, dstretch)
 
 
 class Part(NamedTuple):
@@ -107,7 +131,7 @@ class Shot(NamedTuple):
 def run_part(cover: Cover, state: State, part: Part, active: Scalar, steps: Steps) -> tuple[State, State, State | None]:
     """(state at the beginning, at the end, and after every step of a part) under a constant active moment."""
     start = entered(cover, part.low, state, active)
-    return start, *fixed_steps(slopes, start, (cover, active), part.low, part.high, steps)
+    return start, *fixed_steps(slopes, start, (cover, active), part.low, part.high, steps, settled)
 
 
 def shoot(

@@ -19,7 +19,7 @@ from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
 from ..numerics.paths import Fine
 from ..path_scene import PathScene, Span
-from .beam import Cover, Loads, Part, Shot, State, shoot, slopes
+from .beam import Cover, Loads, Part, Shot, State, beginning, shoot, slopes
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
@@ -125,9 +125,8 @@ class FingerScene(PathScene):
         if fine is not True:
             steps = jnp.where(fine, steps, ROUGH_STEPS)
         cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
-        zero = jnp.zeros_like(unknowns[0])
         unit = cover.slenderness / 3
-        start = State(self.clamp() + zero, unknowns[0] * unit, zero, zero, zero, zero)
+        start = beginning(self.clamp() + 0 * unknowns[0], unknowns[0] * unit)
         inclinations = unknowns[restarted:] if self.inclination != "none" else jnp.zeros(count)
         # A part that bends backwards keeps parallel walls.
         active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, jnp.maximum(inclinations, 0.0))
@@ -135,9 +134,7 @@ class FingerScene(PathScene):
             shot, gaps = shoot(cover, start, parts, active, steps, None), jnp.zeros(0)
         else:
             theta, moment = unknowns[1:restarted].reshape(2, -1)
-            zeros = jnp.zeros_like(theta)
-            restarts = State(theta, moment * unit, zeros, zeros, zeros, zeros)
-            shot = shoot(cover, start, parts, active, steps, restarts)
+            shot = shoot(cover, start, parts, active, steps, jax.vmap(beginning)(theta, moment * unit))
             gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
             # Nothing depends on x and y along the way: parts that began at the origin move to where the last ended.
             x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)

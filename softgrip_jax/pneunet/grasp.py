@@ -116,12 +116,12 @@ class Grasp(HeldTip):
             raise ValueError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def observe(self, unknowns, pressure, fine=True):
-        observed = super().observe(unknowns, pressure, fine)
+    def measured(self, unknowns, share, pressure, fine=True):
+        residual, observed = super().measured(unknowns, share, pressure, fine)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])
-        return observed | {
+        return residual, observed | {
             "required_force": required_normal_force(self.object.friction, load),
             "security": jnp.where(loaded, carried / jnp.where(loaded, load, 1.0), jnp.inf),
         }
@@ -147,18 +147,18 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
         return (with_mass.load() - exerted) / scene.held_unit()
 
     empty = fixed.with_mass(jnp.zeros_like(unit)).find(p)
-    end = follow(
-        lambda u, _: fixed.with_mass(u[-1] * unit).residual(u[:-1], p),
-        jnp.append(empty.unknowns, 0.0),
-        lambda u, _: slack(fixed, u[-1] * unit, u[:-1]),
-    )
+
+    def along(u, _, args):
+        scene, pressure, unit = args
+        mass = u[-1] * unit
+        return scene.with_mass(mass).residual(u[:-1], pressure), slack(scene, mass, u[:-1])
+
+    end = follow(along, jnp.append(empty.unknowns, 0.0), (fixed, p, unit))
     ok = (empty.status == Status.OK) & (end.reason == REACHED)
     scene, pressure = gate(ok, (grasp, pressure))
 
     def equations(u, args):
-        scene, pressure, unit = args
-        mass = u[-1] * unit
-        return jnp.append(scene.with_mass(mass).residual(u[:-1], pressure), slack(scene, mass, u[:-1]))
+        return jnp.append(*along(u, True, args))
 
     mass = implicit(equations, end.point.u, (scene, pressure, unit))[-1] * unit
     return jnp.where(ok, jnp.maximum(mass, 0.0), jnp.nan)

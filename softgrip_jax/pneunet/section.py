@@ -53,7 +53,7 @@ class Inextensible(SectionLaw):
         return z / 3, jnp.full_like(z, jnp.nan)
 
     def rates(self, m, z, stretch, dm, dn):
-        return 3 * dm + 0 * dn, jnp.zeros_like(dm + dn)
+        return 3 * dm, jnp.zeros_like(dm)
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w = z^2 / 6."""

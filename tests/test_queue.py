@@ -1,0 +1,56 @@
+"""Loops of different lengths in a batch: every lane ends where a loop of its own would."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softgrip_jax.numerics.queue import in_slots
+
+
+class Counted(NamedTuple):
+    number: jax.Array
+    steps: jax.Array
+    odd: jax.Array
+
+
+def collatz(number, end):
+    """Steps of the Collatz sequence from `number` to `end`."""
+    start = Counted(number, jnp.asarray(0), number % 2 == 1)
+
+    def iterate(state, end):
+        following = jnp.where(state.number % 2 == 1, 3 * state.number + 1, state.number // 2)
+        odd = state.odd ^ (following % 2 == 1)
+        return Counted(jnp.where(state.number == end, state.number, following), state.steps + 1, odd)
+
+    return in_slots(lambda state: state.number != 1, iterate, start, end)
+
+
+def expected(number):
+    steps, odd = 0, number % 2 == 1
+    while number != 1:
+        number = 3 * number + 1 if number % 2 else number // 2
+        steps, odd = steps + 1, odd ^ (number % 2 == 1)
+    return steps, odd
+
+
+@pytest.mark.parametrize("size", [1, 5, 64, 65, 1000])
+def test_each_lane_of_a_batch_ends_where_its_own_loop_ends(size):
+    numbers = np.random.default_rng(size).integers(1, 3000, size).astype(float)
+    found = jax.jit(jax.vmap(collatz, (0, None)))(jnp.asarray(numbers), jnp.asarray(0.0))
+    assert np.all(found.number == 1)
+    assert [(int(s), bool(o)) for s, o in zip(found.steps, found.odd, strict=True)] == [expected(n) for n in numbers]
+
+
+def test_a_batch_of_batches_and_a_context_with_lanes_of_its_own():
+    numbers = np.random.default_rng(1).integers(1, 3000, (3, 130)).astype(float)
+    ends = jnp.zeros((130,))
+    found = jax.vmap(jax.vmap(collatz), (0, None))(jnp.asarray(numbers), ends)
+    assert np.array_equal(found.steps, [[expected(n)[0] for n in row] for row in numbers])
+
+
+def test_lanes_that_have_nothing_to_do():
+    found = jax.vmap(collatz, (0, None))(jnp.ones(200), jnp.asarray(0.0))
+    assert np.all(found.steps == 0)
