@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import reference_beam as ref
 from fingers import TYPE_A, contact, free, pneunet, solved, stacked
+from scipy.integrate import solve_bvp
 
 import softgrip_jax as sg
 from softgrip_jax.units import gram, kPa, mm
@@ -94,6 +95,35 @@ def test_soft_and_heavy_finger_hangs_past_vertical():
         np.testing.assert_allclose(found["tip_angle"][i], clamp - end[0], rtol=1e-7)
     assert found["tip_angle"][0] > np.pi / 3
     assert found["tip_angle"][1] > np.pi / 2
+
+
+@pytest.mark.parametrize("mu", [0.016, 0.012])
+def test_very_heavy_finger_is_a_boundary_layer_at_the_clamp(mu):
+    """w L^3 / EI = 205 and 274: the finger hangs down from a bend of 5 mm whose moment is 0.39 and 0.43 mu B H^2; no
+    cover can carry 0.5."""
+    f, weight = TYPE_A | {"mu": mu}, -6e-3
+    found = solved([free(f, "exact", (0.0, weight), inclination="none", shooting="multiple")], [0.0])
+    assert found["status"][0] == OK
+    force = mu * f["B"] * f["H"]
+
+    def rhs(X, y):
+        theta, moment = y[0], y[1]
+        hanging = weight * (f["L"] - X)
+        z, stretch = ref.exact_law(moment / (force * f["H"]), hanging * np.sin(theta) / force)
+        return np.stack(
+            [z / f["H"], -stretch * hanging * np.cos(theta), stretch * np.cos(theta), stretch * np.sin(theta)]
+        )
+
+    def ends(at_clamp, at_tip):
+        return np.array([at_clamp[0], at_clamp[2], at_clamp[3], at_tip[1]])
+
+    mesh = f["L"] * np.linspace(0, 1, 300) ** 2
+    decay = np.exp(-mesh / 6)
+    start = np.stack([-np.pi / 2 * (1 - decay), -0.35 * force * f["H"] * decay, 6 * (1 - decay), -mesh])
+    reference = solve_bvp(rhs, ends, mesh, start, tol=1e-9, max_nodes=100_000)
+    assert reference.success
+    np.testing.assert_allclose(found["tip"][0], reference.y[2:, -1], rtol=0, atol=1e-5 * f["L"])
+    np.testing.assert_allclose(found["tip_angle"][0], -reference.y[0, -1], rtol=1e-5)
 
 
 @pytest.mark.slow
