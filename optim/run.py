@@ -56,10 +56,10 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
         result = _search_with_progress(wanted, console)
+        if result.stopped:
+            console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         _write(folder, given, read, wanted, result)
     report(result, console)
-    if result.stopped:
-        console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
     which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
     if result.stopped:
@@ -141,6 +141,8 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     from softgrip_jax import plots
 
     plots.convergence(result.history, "objective (start: 1)").savefig(folder / "convergence.png")
+    if result.stopped:
+        return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.
     states = {name: at for name, at in reversed(result.problem.asked.states) if at is not None}
     for name, at in states.items():

@@ -132,7 +132,7 @@ def test_a_stopped_run_is_kept_and_says_so(finished, monkeypatch, tmp_path):
     monkeypatch.setattr(runs, "search", lambda *args, **kwargs: dataclasses.replace(result, stopped=True))
     monkeypatch.chdir(tmp_path)
     assert run(["design", str(config), "--out", "run"]) == STOPPED
-    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {"before_after.png"}
     assert json.loads((tmp_path / "run" / "result.json").read_text())["stopped"] is True
     assert "was stopped after 30 steps" in (tmp_path / "run" / "best.toml").read_text()
     assert sg.pressure_for(configs.load(tmp_path / "run" / "best.toml").scene).status == Status.OK
