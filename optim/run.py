@@ -140,7 +140,10 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     # matplotlib takes a second to load: only a run that draws waits for it.
     from softgrip_jax import plots
 
-    plots.convergence(result.history, "objective (start: 1)").savefig(folder / "convergence.png")
+    sign, title = _sense(result.problem)
+    history = result.history | {"best_objective": sign * result.history["best_objective"]}
+    label = f"best\n(start: {sign * result.reference.objective:.3g})"
+    plots.convergence(history, label, title).savefig(folder / "convergence.png")
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.
@@ -174,14 +177,25 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
     } | versions()
 
 
+def _sense(problem: Problem) -> tuple[int, str]:
+    """(-1 where the objective is that of one goal to be maximised, how people call the objective)."""
+    if len(problem.goals) > 1:
+        return 1, "sum of the goals"
+    (goal,) = problem.goals
+    name = problem.label(goal.quantity).replace("_", " ")
+    return (-1 if goal.kind == "maximise" else 1), f"deviation of {name}" if goal.kind == "reach" else name
+
+
 # --- what people see --------------------------------------------------------------------------------------------------
 
 
 def _search_with_progress(wanted: settings.Settings, console: Console) -> SearchResult:
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
+    sign, _ = _sense(wanted.problem)
+
     def words(best: float, feasible: int, moving: int) -> str:
-        return f"best {best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
+        return f"best {sign * best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
 
     if not console.is_terminal:
         # In a file or a pipe a bar would be noise: a line now and then.
