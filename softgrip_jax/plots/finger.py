@@ -192,13 +192,12 @@ def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
         _paint_force(ax, at, np.array([-side, 0.0]), float(solution.tip_force), label=False, length=length)
     ax.text(
         0,
-        -tip[0] - 4,
+        both[:, 1].min() - 5,
         f"{float(solution.tip_force):.3g} N each",
         color=VERMILION,
         ha="center",
         va="top",
         zorder=9,
-        bbox={"facecolor": OBJECT_FACE, "edgecolor": "none", "pad": 1},
     )
     reach = plate_radius(scene)
     ax.add_patch(Rectangle((-reach, 0), 2 * reach, PLATE, facecolor=BODY, edgecolor="none", zorder=6))
