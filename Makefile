@@ -11,7 +11,7 @@ OLDEST := .venv-minimum
 OLDEST_TESTS := $(addprefix tests/test_,imports.py jax_version.py config.py cli.py cli_path.py starter.py materials.py \
 	shell_values.py chamber.py)
 
-.PHONY: help setup run test test-minimum lint docs notebooks
+.PHONY: help setup run test test-minimum lint bench docs notebooks
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
@@ -19,6 +19,7 @@ help:
 	@echo "make test    set-up, then the tests"
 	@echo "make test-minimum   some of the tests with the oldest versions that pyproject.toml allows"
 	@echo "make lint    set-up, then ruff and pyright"
+	@echo "make bench   set-up, then speed against error: docs/speed-and-error.md with its tables and pictures"
 	@echo "make docs    set-up, then the documentation in site/, warnings as errors"
 	@echo "make notebooks   set-up, then the notebooks from their text sources, with outputs"
 
@@ -53,6 +54,9 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: setup
+	$(BIN)/python -m benchmarks.speed
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
