@@ -23,6 +23,7 @@ from rich.table import Table
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import Undisturbed
 from softgrip_jax.folders import new_folder as new_folder
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
@@ -58,11 +59,12 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         result = _search_with_progress(wanted, console)
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
-        _write(folder, given, read, wanted, result)
+        with Undisturbed() as writing:
+            _write(folder, given, read, wanted, result)
     report(result, console)
     which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
-    if result.stopped:
+    if result.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
 
@@ -181,7 +183,7 @@ def _sense(problem: Problem) -> tuple[int, str]:
     """(-1 where the objective is that of one goal to be maximised, how people call the objective)."""
     if len(problem.goals) > 1:
         return 1, "sum of the goals"
-    (goal,) = problem.goals
+    goal = problem.goals[0]
     name = problem.label(goal.quantity).replace("_", " ")
     return (-1 if goal.kind == "maximise" else 1), f"deviation of {name}" if goal.kind == "reach" else name
 
