@@ -5,13 +5,21 @@ BIN := .venv/bin
 STAMP := .venv/.stamp-setup
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 
-.PHONY: help setup run test lint docs notebooks
+# An environment with the oldest versions that pyproject.toml allows, and what is tested with it: all that depends on
+# them, and not the long searches.
+OLDEST := .venv-minimum
+OLDEST_TESTS := $(addprefix tests/test_,imports.py jax_version.py config.py cli.py cli_path.py starter.py materials.py \
+	shell_values.py chamber.py)
+
+.PHONY: help setup run test test-minimum lint bench docs notebooks
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
 	@echo "make run     set-up, then the design search of configs/finger_tip_force.toml"
 	@echo "make test    set-up, then the tests"
+	@echo "make test-minimum   some of the tests with the oldest versions that pyproject.toml allows"
 	@echo "make lint    set-up, then ruff and pyright"
+	@echo "make bench   set-up, then speed against error: docs/speed-and-error.md with its tables and pictures"
 	@echo "make docs    set-up, then the documentation in site/, warnings as errors"
 	@echo "make notebooks   set-up, then the notebooks from their text sources, with outputs"
 
@@ -30,10 +38,25 @@ run: setup
 test: setup
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
+test-minimum: $(OLDEST)/.stamp-setup
+	$(OLDEST)/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile $(OLDEST_TESTS)
+
+$(OLDEST)/.stamp-setup: pyproject.toml
+	@test -n "$(PYTHON)" || { echo "softgrip_jax needs Python 3.11 or newer on the PATH."; exit 1; }
+	$(PYTHON) -m venv $(OLDEST)
+	$(PYTHON) -c 'import re, tomllib; project = tomllib.load(open("pyproject.toml", "rb"))["project"]; \
+		print(*(re.sub(r">=([\d.]+).*", r"==\1", need) for need in project["dependencies"]), sep="\n")' > $(OLDEST)/oldest.txt
+	$(OLDEST)/bin/python -m pip --disable-pip-version-check --no-input install --quiet \
+		--constraint $(OLDEST)/oldest.txt --editable ".[test]"
+	@touch $@
+
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: setup
+	$(BIN)/python -m benchmarks.speed
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

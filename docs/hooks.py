@@ -71,7 +71,8 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     named = str(nav)
     written = [p.name for p in sorted(Path(config.docs_dir).glob("*.md")) if f"'{p.name}'" not in named]
     if written:
-        nav.insert(next(k for k, part in enumerate(nav) if "Trust" in part), {"Numbers": written})
+        trust = next(part for part in nav if "Trust" in part)
+        trust["Trust"] = [*trust["Trust"], *written]
     config.nav = nav
     return config
 

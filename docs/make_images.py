@@ -1,4 +1,4 @@
-"""The pictures of the README: `python docs/make_images.py` writes them beside this file, into images/."""
+"""The pictures of the README and the site: `python docs/make_images.py [NAME ...]` writes them into images/."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 import softgrip_jax as sg
+from optim.calibrate_run import run_calibrate
 from optim.run import run_design
-from softgrip_jax import thesis
+from softgrip_jax import plots, thesis
 from softgrip_jax.plots import animate
 from softgrip_jax.plots.figures import BLUE, BODY, ORANGE, STYLE, VERMILION
 from softgrip_jax.reproduce import run_reproduce
-from softgrip_jax.units import kPa
+from softgrip_jax.study import Grid, Range
+from softgrip_jax.units import gram, kPa, mm
 
 HERE = Path(__file__).resolve().parent
 IMAGES = HERE / "images"
@@ -76,7 +78,56 @@ def inflation() -> None:
     animate(thesis.cylinder_contact(), np.linspace(2.4, 20, 30) * kPa, IMAGES / "inflation.gif")
 
 
-MAKE = {"fold": fold, "shell_grasp": shell_grasp, "reproduction": reproduction, "inflation": inflation}
+def gallery() -> None:
+    """Every kind of picture, as docs/gallery.md shows them."""
+    shell, finger = thesis.shell(), sg.PneuNet.table_5_1("A")
+    gripper = sg.pneunet.Gripper(finger, n=3, base_radius=19.61 * mm)
+    rubber = {"friction": 0.96}
+    objects = {
+        "cylinder": (sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, **rubber), None),
+        "hexagonal_cylinder": (sg.objects.HexagonalCylinder(side=15 * mm, mass=35 * gram, **rubber), None),
+        "three_face_cone": (sg.objects.ThreeFaceCone(side=45 * mm, height=40 * mm, mass=20 * gram, **rubber), 95 * mm),
+        "cone": (sg.objects.Cone(radius=26 * mm, height=45 * mm, mass=25 * gram, **rubber), 95 * mm),
+    }
+    states = {
+        "shell_flat": sg.solve(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa),
+        "shell_cylinder": sg.solve(thesis.cylinder_contact(), 15 * kPa),
+        "chamber": sg.pneunet.chamber(finger, 31 * kPa, inclination=0.1),
+        "finger_free": sg.solve(sg.pneunet.Free(finger, weight=(0.0, 0.0)), 31 * kPa),
+        "finger_held": sg.solve(sg.pneunet.TipContact(finger), 31 * kPa),
+    }
+    for name, (held, distance) in objects.items():
+        states[f"grasp_{name}"] = sg.pressure_for(sg.pneunet.Grasp(gripper, held, stand_distance=distance))
+    for name, state in states.items():
+        plots.draw(state).savefig(IMAGES / f"gallery_{name}.png", dpi=GALLERY_DPI)
+    curve = plots.pressure_curve(sg.shell.Free(shell)).figure
+    assert isinstance(curve, Figure)
+    curve.savefig(IMAGES / "gallery_limit.png", dpi=GALLERY_DPI)
+    grasp = thesis.shell_grasp(mass=563 * gram, friction=0.96)
+    quantities = [sg.Quantity("pressure", at="required"), sg.Quantity("limit_margin", at="required")]
+    designs = Grid([Range(8 * mm, 24 * mm).points(49), Range(0.5 * mm, 2 * mm).points(46)])
+    data = sg.Study(grasp, ["shell.a", "shell.t_m"], quantities, designs).run()
+    plots.study(data).savefig(IMAGES / "gallery_map.png", dpi=GALLERY_DPI)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder)
+        configs = HERE.parent / "configs"
+        run_design(configs / "shell_trade_off.toml", out / "front", Console())
+        run_design(configs / "shell_grasp.toml", out / "search", Console())
+        run_calibrate(configs / "calibrate_shell.toml", out / "fit", Console())
+        for run, name in (("front", "front"), ("search", "convergence"), ("fit", "fit")):
+            (IMAGES / f"gallery_{name}.png").write_bytes((out / run / f"{name}.png").read_bytes())
+
+
+GALLERY_DPI = 130
+"""Enough for a screen."""
+
+MAKE = {
+    "fold": fold,
+    "shell_grasp": shell_grasp,
+    "reproduction": reproduction,
+    "inflation": inflation,
+    "gallery": gallery,
+}
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or MAKE:

@@ -40,6 +40,10 @@ print(f"wall {2 * finger.a / mm:g} x {2 * finger.b / mm:g} x {finger.t_m / mm:g}
 touching = sg.pneunet.chamber(finger, 31 * kPa)
 print(touching)
 
+# %%
+figure = plots.draw(touching)
+figure
+
 # %% [markdown]
 # Nothing happens until the walls touch:
 

@@ -20,6 +20,7 @@ from rich.console import Console
 
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import Undisturbed
 from softgrip_jax.materials import Material
 from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY, unit_key
@@ -52,10 +53,11 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
             raise
         except ValueError as error:
             raise ConfigError(f"{config}, [calibrate]: {error}") from None
-        _write(folder, given, read, findings)
+        with Undisturbed() as writing:
+            _write(folder, given, read, findings)
     report(findings, console)
     console.print(f"The fit is in {final}. Next: softgrip solve {final / 'calibrated.toml'}", soft_wrap=True)
-    if findings.stopped:
+    if findings.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
 

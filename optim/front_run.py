@@ -17,7 +17,7 @@ from rich.table import Table
 
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
-from softgrip_jax.folders import new_folder
+from softgrip_jax.folders import Undisturbed, new_folder
 from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY
 
@@ -42,12 +42,13 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
                 )
         except ValueError as error:
             raise ConfigError(f"{name}: {error}") from None
-        _write(folder, given, wanted, front)
+        with Undisturbed() as writing:
+            _write(folder, given, wanted, front)
     report(front, console)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'designs' / '01.toml'}", soft_wrap=True)
-    if front.stopped:
+    if front.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
 

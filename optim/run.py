@@ -23,6 +23,7 @@ from rich.table import Table
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import Undisturbed
 from softgrip_jax.folders import new_folder as new_folder
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
@@ -56,13 +57,14 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
         result = _search_with_progress(wanted, console)
-        _write(folder, given, read, wanted, result)
+        if result.stopped:
+            console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
+        with Undisturbed() as writing:
+            _write(folder, given, read, wanted, result)
     report(result, console)
-    if result.stopped:
-        console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
     which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
-    if result.stopped:
+    if result.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
 
@@ -140,7 +142,12 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     # matplotlib takes a second to load: only a run that draws waits for it.
     from softgrip_jax import plots
 
-    plots.convergence(result.history, "objective (start: 1)").savefig(folder / "convergence.png")
+    sign, title = _sense(result.problem)
+    history = result.history | {"best_objective": sign * result.history["best_objective"]}
+    label = f"best\n(start: {sign * result.reference.objective:.3g})"
+    plots.convergence(history, label, title).savefig(folder / "convergence.png")
+    if result.stopped:
+        return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.
     states = {name: at for name, at in reversed(result.problem.asked.states) if at is not None}
     for name, at in states.items():
@@ -172,14 +179,25 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
     } | versions()
 
 
+def _sense(problem: Problem) -> tuple[int, str]:
+    """(-1 where the objective is that of one goal to be maximised, how people call the objective)."""
+    if len(problem.goals) > 1:
+        return 1, "sum of the goals"
+    goal = problem.goals[0]
+    name = problem.label(goal.quantity).replace("_", " ")
+    return (-1 if goal.kind == "maximise" else 1), f"deviation of {name}" if goal.kind == "reach" else name
+
+
 # --- what people see --------------------------------------------------------------------------------------------------
 
 
 def _search_with_progress(wanted: settings.Settings, console: Console) -> SearchResult:
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
+    sign, _ = _sense(wanted.problem)
+
     def words(best: float, feasible: int, moving: int) -> str:
-        return f"best {best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
+        return f"best {sign * best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
 
     if not console.is_terminal:
         # In a file or a pipe a bar would be noise: a line now and then.

@@ -374,7 +374,7 @@ def keys_of(cls: type) -> dict[str, Key]:
         if not known and annotation not in (int, bool, str):
             continue
         if "rule" in meta and "size" not in meta and not shapes_of(annotation):
-            name = getattr(annotation, "__name__", annotation)
+            name = str(getattr(annotation, "__name__", annotation)).rpartition(".")[2]
             raise ConfigError(
                 f"{cls.__name__}.{field.name} is annotated {name}, which does not say whether it is one number or a "
                 "list; write Float[Array, ''] (softgrip_jax.scene.Scalar) for a number, Float[Array, 'n'] for a list."

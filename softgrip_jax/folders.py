@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import threading
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,6 +34,32 @@ def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
         os.rename(unfinished, final)
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+
+
+class Undisturbed:
+    """Ctrl-C within the block waits until its end and is then known as `asked`: what was found is written whole.
+
+    A second one does not wait.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __enter__(self) -> Undisturbed:
+        # Python hands signals to the main thread alone, and lets no other one choose what they do.
+        self._is_main = threading.current_thread() is threading.main_thread()
+        if self._is_main:
+            self._before = signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def _note(self, number: int, frame: Any) -> None:
+        if self.asked:
+            raise KeyboardInterrupt
+        self.asked = True
+
+    def __exit__(self, *exception: object) -> None:
+        if self._is_main:
+            signal.signal(signal.SIGINT, self._before)
 
 
 def free_name(name: str) -> Path:

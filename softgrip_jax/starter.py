@@ -31,6 +31,8 @@ NUMBERS = {"length": 10 * mm, "angle": 10 * degree, "mass": 100 * gram, "pressur
 """By kind of quantity, in SI: for fields that no scene of the thesis has; 1 for other kinds."""
 SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
 """Of constructors, in docstrings; the keys of a config have units of their own."""
+LESS, MORE = 0.7, 1.4
+"""Of a number: the range in which a search may move it to begin with."""
 COMMENT = 40
 """Column at which comments begin."""
 
@@ -113,7 +115,28 @@ def starter(name: str) -> str:
     lines.append(_line(f"{mark}pressure_kPa = {PRESSURE / kPa:g}", "what is the state at this pressure?"))
     others = [unit_key(name, kind) for name, kind in type(scene).OBSERVABLES.items() if kind != "position"]
     lines += _wrapped("Instead of pressure_kPa, the value that the pressure shall reach: " + ", ".join(others) + ".")
-    return "\n".join(lines) + "\n"
+    return "\n".join(lines + _searches(scene, mark == "# ")) + "\n"
+
+
+def _searches(scene: Scene, has_task: bool) -> list[str]:
+    """The sections [design] and [sweep] in comments: the first number of the scene moves, from LESS to MORE of it."""
+    number = configs.leaf(scene, configs.number_keys(scene)[0], "")
+    value = float(np.ravel(number.get(scene))[0]) / number.unit
+    name = ".".join([*number.names[:-1], unit_key(number.names[-1], number.kind)])
+    at = '"required"' if has_task else f"{{ pressure_kPa = {PRESSURE / kPa:g} }}"
+    first = next(unit_key(name, kind) for name, kind in type(scene).OBSERVABLES.items() if kind != "position")
+    goal = 'minimise = "pressure_kPa"' if has_task else f'maximise = "{first}"'
+    words = "Better designs: take the lines from [design] on out of their comments, add what else may move, and say"
+    spread = [f"low = {_decimals(LESS * value)}", f"high = {_decimals(MORE * value)}"]
+    design = ["[design]", "", "[[design.goals]]", goal, f"at = {at}", ""]
+    design += ["[[design.variables]]", f'name = "{name}"', *spread, ""]
+    design += ["[[design.constraints]]", 'keep = "limit_margin"', f"at = {at}", "low = 1.2"]
+    sweep = ["[sweep]", 'method = "grid"', "", "[[sweep.variables]]", f'name = "{name}"', *spread, "points = 21", ""]
+    sweep += ["[[sweep.observables]]", f'name = "{"pressure_kPa" if has_task else first}"', f"at = {at}"]
+    lines = ["", *_wrapped(words), "#   softgrip design FILE.toml"]
+    lines += [f"# {line}".rstrip() for line in design]
+    lines += ["", "# Many designs:", "#   softgrip sweep FILE.toml"]
+    return lines + [f"# {line}".rstrip() for line in sweep]
 
 
 def _wrapped(text: str, width: int = 116) -> list[str]:

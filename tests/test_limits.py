@@ -186,3 +186,23 @@ def test_contact_pressure_is_where_contact_begins(angle):
     step = 5 * mm * 1e-4
     difference = (sg.contact_pressure(scene(5 * mm + step)) - sg.contact_pressure(scene(5 * mm - step))) / (2 * step)
     assert slope == pytest.approx(float(difference), rel=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["free", "flat", "cylinder", "inclined"])
+def test_a_neo_hookean_membrane_has_one_maximum_at_most(kind):
+    """What looking at its curve in a few cells rests on: over 5,000 designs the pressure never rises again."""
+    rng, lanes = np.random.default_rng(5), 5000
+    a = 10 ** rng.uniform(-2.5, -1.2, lanes)
+    near, wide = a * 10 ** rng.uniform(-2, 0.3, lanes), 10 ** rng.uniform(-0.7, 0.8, lanes)
+    p = {"a": a, "b": a * (1 + 10 ** rng.uniform(-1, 1, lanes)), "t_m": 0.05 * a, "material": REFERENCE["neo"]}
+    p |= {"distance": near, "gap": near, "radius": a * wide, "angle": rng.uniform(0.0, 0.6, lanes)}
+    start = {"free": 1e-3 + 0 * a, "inclined": p["angle"] + 1e-2}.get(kind, 2 * np.arctan(near / a))
+    angle = start + (np.pi - 1e-4 - start) * np.linspace(1e-4, 1.0, 600)[:, None]
+    with np.errstate(all="ignore"):
+        pressure, margins = getattr(ref, kind)(angle, p)
+    inside = np.logical_and.reduce([np.isfinite(pressure), *[margin >= 0 for margin in margins]])
+    rise = np.diff(pressure, axis=0)
+    known = inside[1:] & inside[:-1] & (np.abs(rise) > 1e-12 * np.abs(pressure[1:]))
+    fallen = np.maximum.accumulate(known & (rise < 0), axis=0)
+    assert np.mean(np.sum(known, axis=0) > 20) > 0.5
+    assert not np.any(known & fallen & (rise > 0))

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -132,10 +133,43 @@ def test_a_stopped_run_is_kept_and_says_so(finished, monkeypatch, tmp_path):
     monkeypatch.setattr(runs, "search", lambda *args, **kwargs: dataclasses.replace(result, stopped=True))
     monkeypatch.chdir(tmp_path)
     assert run(["design", str(config), "--out", "run"]) == STOPPED
-    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {"before_after.png"}
     assert json.loads((tmp_path / "run" / "result.json").read_text())["stopped"] is True
     assert "was stopped after 30 steps" in (tmp_path / "run" / "best.toml").read_text()
     assert sg.pressure_for(configs.load(tmp_path / "run" / "best.toml").scene).status == Status.OK
+
+
+def test_json_is_the_result_and_nothing_else(finished, monkeypatch, tmp_path, capsys):
+    config, _, _, result = finished
+    monkeypatch.setattr(runs, "search", lambda *args, **kwargs: result)
+    monkeypatch.setattr(runs, "_draw", lambda *args: None)
+    assert run(["design", str(config), "--out", str(tmp_path / "run"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["folder"] == str(tmp_path / "run")
+    written = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert told == {"folder": told["folder"]} | written
+    assert told["best"]["variables"]["shell.a"] == pytest.approx(float(result.best.x[0]), rel=1e-12)
+
+
+def test_ctrl_c_while_the_folder_is_written_waits(finished, monkeypatch, tmp_path):
+    config, _, _, result = finished
+    summary = runs._summary
+
+    def slow(*args):
+        signal.raise_signal(signal.SIGINT)
+        return summary(*args)
+
+    monkeypatch.setattr(runs, "search", lambda *args, **kwargs: result)
+    monkeypatch.setattr(runs, "_draw", lambda *args: None)
+    monkeypatch.setattr(runs, "_summary", slow)
+    handler = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt):
+        runs.run_design(config, tmp_path / "run", Console(file=io.StringIO()))
+    assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {
+        "before_after.png",
+        "convergence.png",
+    }
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Elasticities obey Euler's theorem on homogeneous functions; tolerances give the deviations of the closed form."""
 
+import json
 import re
 
 import numpy as np
@@ -97,9 +98,12 @@ def test_tolerances_of_a_config_are_in_its_units(tmp_path, capsys):
         text + '[sensitivity]\nsamples = 200\n[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = 0.1\n'
         '[[sensitivity.observables]]\nname = "limit_pressure_kPa"\n'
     )
-    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 0
+    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out"), "--json"]) == 0
+    out, err = capsys.readouterr()
+    # The limit pressure is in proportion to the thickness.
+    assert json.loads(out)["quantities"]["limit_pressure"]["elasticity"]["shell.t_m"] == pytest.approx(1, rel=1e-9)
     # 20.1756 kPa is the thesis's limit pressure; 0.1 / sqrt(3) of 1.1 mm is 5.25 %.
-    printed = [float(number) for number in re.findall(r"([\d.]+) kPa", capsys.readouterr().out)]
+    printed = [float(number) for number in re.findall(r"([\d.]+) kPa", err)]
     assert printed[:2] == [20.176, 20.176]
     assert printed[2] == pytest.approx(20.1756 * 0.1 / 1.1 / np.sqrt(3), rel=1e-4)
     assert (tmp_path / "out" / "tolerances.csv").is_file()

@@ -10,7 +10,9 @@ import jsonschema
 import pytest
 from conftest import ROOT
 
+from optim import settings as design_settings
 from softgrip_jax import config as configs
+from softgrip_jax import sweep
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.scene import Scene
@@ -107,3 +109,18 @@ def test_a_mistake_is_seen_by_schema_and_command(config, old, new, validator, tm
     assert list(validator.iter_errors(tomllib.loads(file.read_text())))
     assert run(["design" if "[design]" in file.read_text() else "solve", str(file)]) == MISTAKE
     assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", TYPES)
+def test_the_searches_of_a_starter_are_understood(name, tmp_path):
+    """[design] and [sweep] out of their comments."""
+    before, after = starter(name).split("\n# Better designs")
+    lines = [line[2:] if re.match(r"# (\[|\w+ = )", line) else line for line in after.splitlines()]
+    file = tmp_path / "mine.toml"
+    file.write_text(before + "\n#" + "\n".join(lines))
+    read = configs.load(file)
+    settings = design_settings.read(read)
+    (variable,) = settings.problem.space.names
+    assert variable
+    study, _ = sweep.read(read)
+    assert study.designs.count == 21

@@ -209,14 +209,19 @@ def small(config, tmp_path, **changes):
     return tmp_path / "out"
 
 
-def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path):
+def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path, capsys):
     out = small(config, tmp_path)
     (tmp_path / "designs.csv").write_text("note,shell.a_mm,distance_mm\nfirst,12,3\nsecond,18,4\n\n")
     text = config.read_text().replace('method = "sobol"\nsamples = 6', 'method = "csv"\nfile = "designs.csv"')
     config.write_text(text.replace("low = 10\nhigh = 22\n", "").replace("low = 2\nhigh = 9\n", ""))
-    assert run(["sweep", str(config), "--out", str(out)]) == 0
+    assert run(["sweep", str(config), "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["folder"] == str(out)
     with (out / "study.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
+    force = told["quantities"]["force_at_20_kPa"]
+    assert (force["unit"], force["answered"]) == ("N", 2)
+    assert force["least"] == pytest.approx(min(float(row["force_at_20_kPa_N"]) for row in rows), rel=1e-9)
     assert [float(row["distance_mm"]) for row in rows] == [3, 4]
     expected = sg.solve(sg.shell.FlatContact(shell(a=18 * mm), distance=4 * mm), 20 * kPa)
     assert rows[1]["status_20_kPa"] == "OK"

@@ -25,6 +25,10 @@ from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
+ORDER = ("new", "solve", "path", "sweep", "sensitivity", "design", "calibrate", "reproduce", "schema")
+"""Of the commands in `softgrip --help`: from the first steps on."""
+app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]
+
 
 def run(arguments: Sequence[str]) -> int:
     """The command with these arguments; returns the exit code."""

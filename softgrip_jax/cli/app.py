@@ -20,12 +20,12 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     help="""Models of pneumatic soft grippers that can be differentiated, and their design by gradient.
 
-Begin with a config of your own and ask it something:
+Begin with a config of your own and ask it something; what design and sweep need stands at its end, in comments:
 
 - softgrip new shell.Grasp mine.toml
 - softgrip solve mine.toml --plot mine.png
 - softgrip path mine.toml --plot curve.png --csv curve.csv
-- softgrip design configs/shell_grasp.toml
+- softgrip design mine.toml
 
 softgrip COMMAND --help tells more, with examples; softgrip --install-completion lets the shell complete.
 Exit codes: 0 done, 1 there is no answer, 2 a mistake in what was typed or in a file, 130 stopped by Ctrl-C.""",

@@ -161,7 +161,7 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
     return ax
 
 
-def convergence(history: Mapping[str, np.ndarray], label: str = "best objective") -> Figure:
+def convergence(history: Mapping[str, np.ndarray], label: str = "best objective", title: str = "") -> Figure:
     """How a search went: its best objective, and the lanes that have an equilibrium, are feasible, still move."""
     best = np.asarray(history["best_objective"])
     steps = np.arange(1, len(best) + 1)
@@ -170,6 +170,7 @@ def convergence(history: Mapping[str, np.ndarray], label: str = "best objective"
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1])
         above.plot(steps, best, color=BLUE)
         above.set_ylabel(label)
+        above.set_title(title, loc="left", fontweight="bold")
         colours = {"with_equilibrium": BLUE, "feasible": GREEN, "moving": VERMILION}
         words = {"with_equilibrium": "solved", "feasible": "feasible", "moving": "moving"}
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}

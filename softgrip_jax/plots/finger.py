@@ -31,9 +31,14 @@ POINTS = 201
 """Points along a finger: a chord is off the line by less than 0.01 mm."""
 PALE, GREY = "#D3E4F1", "#B5B5B5"
 """The air in a chamber; a finger without pressure."""
-ARROW = 14.0
-"""mm: length of the arrow of a force, whatever its size, which is written beside it."""
+ARROW, WITHIN = 14.0, 0.75
+"""mm: length of the arrow of a force, whatever its size, which is written beside it; at most this part of the object's
+radius."""
+PLATE = 6.0
+"""mm: thickness of the plate that carries the fingers."""
 
+ROUND = 48
+"""Faces of what is round."""
 LIGHT = np.array([0.3, 0.8, -0.5196])
 """From where light falls on a gripper in space: a unit vector, to the viewer's right."""
 
@@ -136,9 +141,11 @@ def _paint_clamp(ax: Axes, finger: PneuNet, angle: float) -> None:
     ax.plot(*np.array(corners[:2]).T, color=BODY, linewidth=1.5, zorder=6)
 
 
-def _paint_force(ax: Axes, at: np.ndarray, direction: np.ndarray, force: float, label: bool = True) -> None:
+def _paint_force(
+    ax: Axes, at: np.ndarray, direction: np.ndarray, force: float, label: bool = True, length: float = ARROW
+) -> None:
     """A force at a point: an arrow that ends or starts there, with its value."""
-    ahead = direction * (ARROW if force >= 0 else -ARROW)
+    ahead = direction * (length if force >= 0 else -length)
     arrow = {"arrowstyle": "-|>", "color": VERMILION, "linewidth": 1.6, "shrinkA": 0, "shrinkB": 0}
     ax.annotate("", at + ahead, at, arrowprops=arrow, zorder=8)
     ax.plot(*at, "o", color=VERMILION, markeredgecolor="white", markeredgewidth=0.6, markersize=5, zorder=9)
@@ -181,20 +188,27 @@ def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
         paint_finger(ax, finger, straight(finger, 0.0), place, bare=True)
         paint_finger(ax, finger, line, place)
         at = place(tip[None])[0]
-        _paint_force(ax, at, np.array([-side, 0.0]), float(solution.tip_force), label=False)
+        length = min(ARROW, WITHIN * (base + tip[1]))
+        _paint_force(ax, at, np.array([-side, 0.0]), float(solution.tip_force), label=False, length=length)
     ax.text(
         0,
-        -tip[0] - 4,
+        both[:, 1].min() - 5,
         f"{float(solution.tip_force):.3g} N each",
         color=VERMILION,
         ha="center",
         va="top",
         zorder=9,
-        bbox={"facecolor": OBJECT_FACE, "edgecolor": "none", "pad": 1},
     )
-    reach = base + 0.5 * float(finger.H) / mm + max(place[2] for place in chamber_places(finger)) + 3
-    ax.add_patch(Rectangle((-reach, 0), 2 * reach, 6, facecolor=BODY, edgecolor="none", zorder=6))
+    reach = plate_radius(scene)
+    ax.add_patch(Rectangle((-reach, 0), 2 * reach, PLATE, facecolor=BODY, edgecolor="none", zorder=6))
     ax.autoscale_view()
+
+
+def plate_radius(scene: Any) -> float:
+    """Of the plate that carries the fingers, mm: their clamped ends are on it."""
+    finger = scene.finger
+    base = float(scene.gripper.base_radius) / mm
+    return base + 0.5 * float(finger.H) / mm + max(place[2] for place in chamber_places(finger)) + 3
 
 
 def object_outline(scene: Any, tip: np.ndarray) -> list[tuple[float, float]]:
@@ -233,9 +247,10 @@ def _faces_of_finger(finger: PneuNet, line: Line, base: float, around: float) ->
     return faces
 
 
-def _faces_of_object(scene: Any, outline: list[tuple[float, float]]) -> list[tuple[np.ndarray, str]]:
+def _faces_around(
+    outline: list[tuple[float, float]], corners: int = ROUND, colour: str = OBJECT_FACE
+) -> list[tuple[np.ndarray, str]]:
     """Strips around the axis between the rings of the outline; finger 0 touches the middle of a flat face."""
-    corners = {HexagonalCylinder: 6, ThreeFaceCone: 3}.get(type(scene.object), 48)
     swell = 1 / np.cos(np.pi / corners)
     angles = (np.arange(corners + 1) + 0.5) * 2 * np.pi / corners
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * swell
@@ -245,7 +260,7 @@ def _faces_of_object(scene: Any, outline: list[tuple[float, float]]) -> list[tup
         for low, high in pairwise(steps):
             levels = [(r0 + (r1 - r0) * t, z0 + (z1 - z0) * t) for t in (low, high)]
             upper, lower = (np.column_stack([r * ring, np.full(corners + 1, z)]) for r, z in levels)
-            faces += [(np.array([upper[k], upper[k + 1], lower[k + 1], lower[k]]), OBJECT_FACE) for k in range(corners)]
+            faces += [(np.array([upper[k], upper[k + 1], lower[k + 1], lower[k]]), colour) for k in range(corners)]
     return faces
 
 
@@ -274,7 +289,10 @@ def _compose_grasp(solution: Solution) -> Figure:
     flat.set_title(pressure_text(solution), loc="left", fontweight="bold")
 
     base, tip = float(scene.gripper.base_radius) / mm, np.array([line["x"][-1], line["y"][-1]])
-    faces = _faces_of_object(scene, object_outline(scene, tip))
+    corners = {HexagonalCylinder: 6, ThreeFaceCone: 3}.get(type(scene.object), ROUND)
+    faces = _faces_around(object_outline(scene, tip), corners)
+    reach = plate_radius(scene)
+    faces += _faces_around([(0.0, PLATE), (reach, PLATE), (reach, 0.0), (0.0, 0.0)], colour=BODY)
     for k in range(scene.gripper.n):
         faces += _faces_of_finger(scene.finger, line, base, 2 * np.pi * k / scene.gripper.n)
     colours = [_shaded(corners, colour) for corners, colour in faces]

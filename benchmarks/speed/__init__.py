@@ -1,0 +1,1 @@
+"""Speed against error: `python -m benchmarks.speed` makes docs/speed-and-error.md, its pictures and its tables."""

@@ -1,0 +1,97 @@
+"""How far the models are from finite elements: the thesis's, the better one of this package, and the elements.
+
+Finite elements were computed for this project with FElupe 11.3 (27-node hexahedra or 9-node plane-strain
+quadrilaterals, Taylor-Hood, nearly incompressible neo-Hookean, follower pressure, frictionless planes, clamped edges);
+uncertainty 0.2 % for the free shell, 0.5 % on a plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import softgrip_jax as sg
+from softgrip_jax.units import N_mm, kPa, mm
+
+from . import cases
+
+FIELDS = ("quantity", "at", "unit", "finite_elements", "thesis_model", "better_model", "better")
+
+FREE = {5: 7.9015, 10: 11.5134, 15: 15.7501, 17.5: 18.9282}
+FREE_LARGEST = 19.55
+ON_PLANE = {5: 3.31149, 10: 11.21384, 15: 20.72738, 20: 31.30903}
+CHAMBER = {20: 1.254112, 28: 2.049192, 31: 2.369260, 41: 3.491714}
+PURE_MOMENT = {3.430561: 0.152477, 6.000336: 0.270593, 8.437209: 0.388814}
+TIP_HELD = {3.460927: 0.069245, 5.536734: 0.116583, 7.258761: 0.165379}
+TIP_HELD_LARGEST = 9.09
+WEIGHT = {-1.0: -32.86516, -2.0: -49.68945, -3.0: -57.71167}
+"""kPa: mm, N, N; N mm: H theta', N; N/m: mm."""
+
+
+def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """Rows of quantities at loads."""
+    shell, finger = cases.shell(), sg.PneuNet.table_5_1("A")
+    rows: list[tuple[Any, ...]] = []
+
+    def add(quantity, unit, better, true, thesis: Callable[[float], Any], ours: Callable[[float], Any] | None):
+        for at, value in list(true.items())[: 1 if quick else None]:
+            ours_value = "" if ours is None else float(ours(at))
+            rows.append((quantity, at, unit, value, float(thesis(at)), ours_value, better))
+
+    def free(model):
+        return lambda p: sg.solve(sg.shell.Free(shell, model=model), p * kPa).inflation / mm
+
+    def on_plane(model):
+        return lambda p: sg.solve(sg.shell.FlatContact(shell, distance=5 * mm, model=model), p * kPa).force
+
+    def limit(model):
+        return lambda _: sg.limit_pressure(sg.shell.Free(shell, model=model)) / kPa
+
+    def held(section):
+        scene = sg.pneunet.TipContact(finger, section=section)
+        return lambda moment: sg.pressure_for(scene, end_moment=moment * N_mm).tip_force
+
+    def largest(section):
+        def moment(_):
+            scene = sg.pneunet.TipContact(finger, section=section)
+            return sg.solve(scene, sg.limit_pressure(scene) * (1 - 1e-9)).end_moment / N_mm
+
+        return moment
+
+    def hanging(section):
+        def tip(weight):
+            scene = sg.pneunet.Free(finger, weight=(0.0, weight), section=section, inclination="none")
+            return sg.solve(scene, 0.0).tip[1] / mm
+
+        return tip
+
+    def curved(section):
+        from softgrip_jax.pneunet.section import curvature_and_stretch
+
+        return lambda m: curvature_and_stretch(section, finger, m * N_mm, 0.0)[0] * finger.H
+
+    energy, exact = "energy membrane", "exact section law"
+    add("shell, free: inflation", "mm", energy, FREE, free("arc"), None if quick else free("energy"))
+    add("shell on a plane: force", "N", energy, ON_PLANE, on_plane("arc"), None if quick else on_plane("energy"))
+    add(
+        "chamber wall on its neighbour: force",
+        "N",
+        "",
+        CHAMBER,
+        lambda p: sg.pneunet.chamber(finger, p * kPa).force,
+        None,
+    )
+    add("cover, end moment: H theta'", "", exact, PURE_MOMENT, curved("thesis"), curved("exact"))
+    if not quick:
+        add("shell, free: largest pressure", "kPa", energy, {"": FREE_LARGEST}, limit("arc"), limit("energy"))
+        add("cover, tip held: force", "N", exact, TIP_HELD, held("thesis"), held("exact"))
+        add(
+            "cover, tip held: largest moment",
+            "N mm",
+            exact,
+            {"": TIP_HELD_LARGEST},
+            largest("thesis"),
+            largest("exact"),
+        )
+        add("cover, its weight: tip y", "mm", exact, WEIGHT, hanging("thesis"), hanging("exact"))
+    return [dict(zip(FIELDS, one, strict=True)) for one in rows], FIELDS

@@ -1,0 +1,238 @@
+"""docs/speed-and-error.md and docs/hard-cases.md: their tables are made from the CSV files, between markers.
+
+What stands around them stays as it was written.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from . import measure, pictures
+
+Rows = list[dict[str, Any]]
+Tables = dict[str, Rows]
+MARKED = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def write_page(page: Path, folder: Path) -> None:
+    """Fill the tables of the page from the folder's files, and draw its pictures beside them."""
+    tables = {file.stem: measure.read(file) for file in sorted(folder.glob("*.csv"))}
+    told = {file.stem: json.loads(file.read_text()) for file in sorted(folder.glob("*.json"))}
+    pictures.draw(folder, tables)
+
+    def filled(found: re.Match) -> str:
+        begin, name, end = found.groups()
+        make, needs = TABLES[name]
+        if any(part not in tables for part in needs):
+            return found.group(0)
+        lines = make(tables, told)
+        return begin + "\n" + "\n".join(lines) + "\n\n" + end
+
+    page.write_text(MARKED.sub(filled, page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+def grid(head: list[str], body: list[list[str]]) -> list[str]:
+    """A table in Markdown; the first column is text, the others are numbers."""
+    return [
+        f"| {' | '.join(head)} |",
+        "|---" + "|---:" * (len(head) - 1) + "|",
+        *[f"| {' | '.join(line)} |" for line in body],
+    ]
+
+
+def time_text(seconds: Any) -> str:
+    """'1.2 µs', '340 ms', '2.1 s'; nothing for nothing."""
+    if not isinstance(seconds, float) or not np.isfinite(seconds):
+        return ""
+    unit, name = next(((u, n) for u, n in ((1.0, "s"), (1e-3, "ms")) if seconds >= u), (1e-6, "µs"))
+    return f"{seconds / unit:.3g} {name}"
+
+
+def small(value: Any) -> str:
+    """'1e-12'."""
+    if not isinstance(value, float) or not np.isfinite(value):
+        return ""
+    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+
+
+def whole(value: float) -> str:
+    """'1,234,000' to three digits."""
+    if not value:
+        return "0"
+    digits = max(0, int(np.floor(np.log10(abs(value)))) - 2)
+    return f"{round(value / 10**digits) * 10**digits:,.0f}"
+
+
+def _machine(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = []
+    for part, one in told.items():
+        body.append([part, one["date"], one["machine"], one["device"], one["jax"], one["commit"], str(one["load"]),
+                     f"{one['seconds']:g} s", f"{one['peak_memory_MB']:,.0f} MB"])  # fmt: skip
+    return grid(["part", "date", "machine", "device", "jax", "commit", "load", "took", "peak memory"], body)
+
+
+def _measured(rows: Rows) -> list[str]:
+    body = []
+    for row in rows:
+        setting = ", ".join(filter(None, [row["setting"], row["precision"] if row["precision"] != "float64" else ""]))
+        per_second = whole(1 / row["seconds"])
+        ratio = row["gradient_seconds"] / row["seconds"] if isinstance(row["gradient_seconds"], float) else np.nan
+        body.append([
+            row["method"] + (f": {setting}" if setting else ""), f"{int(row['batch']):,}", small(row["error"]),
+            small(row["gradient_error"]), time_text(row["seconds"]), per_second,
+            f"{ratio:.1f}" if np.isfinite(ratio) else "", time_text(row["compile_seconds"]),
+            f"{row['memory_MB']:.2g} MB" if isinstance(row["memory_MB"], float) else "",
+        ])  # fmt: skip
+    head = ["method", "batch", "error", "of the gradient", "time per design", "per second", "with gradient: times",
+            "compile", "memory"]  # fmt: skip
+    return grid(head, body)
+
+
+def _of_scene(part: str, scene: str) -> Callable[[Tables, Any], list[str]]:
+    return lambda tables, told: _measured([row for row in tables[part] if row["scene"] == scene])
+
+
+def _all_of(part: str) -> Callable[[Tables, Any], list[str]]:
+    def make(tables, told):
+        body = []
+        for scene in dict.fromkeys(row["scene"] for row in tables[part]):
+            body += [f"**{scene}**", "", *_measured([row for row in tables[part] if row["scene"] == scene]), ""]
+        return body[:-1]
+
+    return make
+
+
+def ours(rows: Rows, scene: str, setting: str = "") -> Rows:
+    """Our rows in float64."""
+    return [
+        row for row in rows
+        if row["scene"] == scene and row["method"] == "softgrip_jax" and row["precision"] == "float64"
+        and row["setting"].startswith(setting)
+    ]  # fmt: skip
+
+
+def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = []
+
+    def add(what, wanted, measured, held):
+        body.append([what, wanted, measured, "yes" if held else "**no**"])
+
+    for scene in ("shell free", "shell flat", "shell cylinder"):
+        best = max(ours(tables["shells"], scene), key=lambda row: 1 / row["seconds"])
+        add(f"{scene}: states per second, residual under 1e-12", "500,000", whole(1 / best["seconds"]),
+            1 / best["seconds"] >= 5e5)  # fmt: skip
+    good = [row for row in ours(tables["fingers"], "finger tip contact", "exact") if row["error"] <= 1e-6]
+    if good:
+        best = max(good, key=lambda row: 1 / row["seconds"])
+        add("finger, tip held: states per second, force to 1e-6", "100,000", whole(1 / best["seconds"]),
+            1 / best["seconds"] >= 1e5)  # fmt: skip
+    for part, scene in (("shells", "shell cylinder"), ("fingers", "finger tip contact")):
+        large = [row for row in ours(tables[part], scene) if row["batch"] >= 256]
+        ratio = float(np.median([row["gradient_seconds"] / row["seconds"] for row in large]))
+        add(f"{scene}: value and full gradient over value", "at most 3", f"{ratio:.2f}", ratio <= 3)
+    add_peers(add, tables)
+    start = {(row["what"], row["time"]): row for row in tables["start"]}
+    jax_alone, all_of_ours = (start[words, ""]["seconds"] for words in (
+        "import jax, diffrax", "import softgrip_jax, all that solve needs"))  # fmt: skip
+    add("import softgrip_jax and all that solve needs, over import jax, diffrax", "at most 1.2",
+        f"{all_of_ours / jax_alone:.2f}", all_of_ours <= 1.2 * jax_alone)  # fmt: skip
+    for (what, when), row in start.items():
+        if when in ("first", "second"):
+            wanted = 4 if when == "first" else 2
+            took = f"{row['seconds']:.1f} s (CPU {row['cpu_seconds']:.1f} s)"
+            add(f"{what}, {when} time", f"at most {wanted} s", took, row["seconds"] <= wanted)
+    if "fidelity" in tables:
+        row = tables["fidelity"][0]
+        add(
+            "fidelity.choose: estimates that bound the error",
+            "99 %",
+            f"{100 * row['share']:.2f} %",
+            row["share"] >= 0.99,
+        )
+        add("... the dearest rung where a cheaper one suffices", "never", f"{row['needlessly_dearest']:g} times",
+            row["needlessly_dearest"] == 0)  # fmt: skip
+    return grid(["what", "wanted", "measured", "held"], body)
+
+
+def add_peers(add: Callable[..., None], tables: Tables) -> None:
+    """How many times faster than the peers, at an error of 1e-6 of the tip force."""
+    rows = tables["peers"]
+    for words, method, law, wanted in (
+        ("the thesis's algorithms with SciPy", "thesis,", "thesis", 3000),
+        ("diffrax and optimistix under vmap", "diffrax in", "exact", 30),
+        ("SciPy's shooting", "SciPy,", "exact", None),
+    ):
+        good = [
+            r
+            for r in rows
+            if r["method"].startswith(method) and r["error"] <= 1e-6 and law in r["setting"] + r["method"]
+        ]
+        mine = [r for r in ours(rows, "finger tip contact", law) if r["error"] <= 1e-6]
+        mine += [r for r in ours(tables["fingers"], "finger tip contact", law) if r["error"] <= 1e-6]
+        if good and mine:
+            ratio = min(r["seconds"] for r in good) / min(r["seconds"] for r in mine)
+            add(f"finger, tip held, force to 1e-6: faster than {words}", f"{wanted:,} times" if wanted else "",
+                f"{whole(ratio)} times", wanted is None or ratio >= wanted)  # fmt: skip
+
+
+def _start(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = [
+        [row["what"], str(row["time"]), time_text(row["seconds"]), time_text(row["cpu_seconds"]),
+         f"{row['peak_memory_MB']:,.0f} MB"]
+        for row in tables["start"]
+    ]  # fmt: skip
+    return grid(["what", "time", "on the wall", "CPU", "peak memory"], body)
+
+
+def _fidelity(tables: Tables, told: dict[str, Any]) -> list[str]:
+    row = tables["fidelity"][0]
+    return [
+        f"{row['fingers']:,.0f} random fingers, {row['with_equilibrium']:,.0f} with an equilibrium, {row['rungs']:g}"
+        " rungs:"
+        f" the estimate bounds the error in {row['bounds']:,.0f} of {row['estimates']:,.0f} cases"
+        f" ({100 * row['share']:.2f} %). In {row['over_tolerance']:g} choices the error is over the tolerance that was"
+        f" thought to be kept, and in {row['needlessly_dearest']:g} the dearest rung was taken where a cheaper one was"
+        " good enough."
+    ]
+
+
+def _models(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = []
+    for row in tables["models"]:
+        at = f" at {row['at']:g}" if isinstance(row["at"], float) else ""
+        cells = [f"{row['finite_elements']:.4g}"]
+        for name in ("thesis_model", "better_model"):
+            value = row[name]
+            known = isinstance(value, float) and np.isfinite(value)
+            cells.append(f"{value:.4g} ({100 * (value / row['finite_elements'] - 1):+.1f} %)" if known else "none")
+        body.append([f"{row['quantity']}{at}", str(row["unit"]), *cells, str(row["better"])])
+    return grid(["quantity", "unit", "finite elements", "thesis", "better", "which is"], body)
+
+
+def _hard(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = [
+        [row["case"], row["hard"], row["thesis_solver"], row["ours"], small(row["error"]), f"{row['iterations']:g}"]
+        for row in tables["hard"]
+    ]
+    return grid(["case", "what is hard", "fsolve, solve_bvp", "here", "error", "iterations"], body)
+
+
+TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = {
+    "machine": (_machine, ()),
+    "targets": (_targets, ("shells", "fingers", "peers", "start")),
+    "shells": (_all_of("shells"), ("shells",)),
+    "fingers": (_all_of("fingers"), ("fingers",)),
+    "scenes": (_all_of("scenes"), ("scenes",)),
+    "peers": (_all_of("peers"), ("peers",)),
+    "elastica": (_all_of("elastica"), ("elastica",)),
+    "start": (_start, ("start",)),
+    "fidelity": (_fidelity, ("fidelity",)),
+    "models": (_models, ("models",)),
+    "hard": (_hard, ("hard",)),
+}

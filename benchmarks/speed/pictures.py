@@ -1,0 +1,141 @@
+"""The pictures of the page, from the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.figure import Figure
+
+from softgrip_jax.plots.curves import COLOURS
+from softgrip_jax.plots.figures import BODY, STYLE
+
+Rows = list[dict[str, Any]]
+MARKS = "osD^vP*X"
+
+
+def draw(folder: Path, tables: dict[str, Rows]) -> None:
+    """All pictures that the tables allow."""
+    with mpl.rc_context(STYLE | {"savefig.dpi": 130}):
+        for name, make, needs in PICTURES:
+            if all(part in tables for part in needs):
+                make(tables).savefig(folder / f"{name}.png")
+
+
+def work_precision(scenes: list[str], rows: Rows, series: Callable[[dict], str | None]) -> Figure:
+    """Error over time per design: above the observable, below its gradient; a panel for each scene."""
+    figure = Figure(figsize=(3.3 * len(scenes), 5.6), layout="constrained")
+    axes = figure.subplots(2, len(scenes), squeeze=False)
+    names = list(dict.fromkeys(filter(None, (series(row) for row in rows))))
+    for column, scene in enumerate(scenes):
+        for line, (error, seconds) in enumerate((("error", "seconds"), ("gradient_error", "gradient_seconds"))):
+            ax = axes[line, column]
+            for k, name in enumerate(names):
+                points = [
+                    (row[seconds], max(row[error], 1e-16))
+                    for row in rows
+                    if row["scene"] == scene and series(row) == name and _known(row, error, seconds)
+                ]
+                if points:
+                    x, y = np.array(sorted(points)).T
+                    ax.plot(x, y, MARKS[k % len(MARKS)] + "-", color=_colour(k), ms=4, lw=0.9, label=name)
+            ax.set(xscale="log", yscale="log", ylim=(5e-17, 1))
+            ax.grid(True, which="major", lw=0.3, color="0.85")
+            if column == 0:
+                ax.set_ylabel("error of the value" if line == 0 else "error of the gradient")
+        axes[0, column].set_title(scene)
+        axes[1, column].set_xlabel("seconds per design, one core")
+    handles = {label: h for ax in axes.flat for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=min(4, len(handles)), fontsize=8)
+    return figure
+
+
+def _known(row: dict[str, Any], *names: str) -> bool:
+    return all(isinstance(row[name], float) and np.isfinite(row[name]) for name in names)
+
+
+def _colour(k: int) -> str:
+    return COLOURS[k % len(COLOURS)]
+
+
+def _shells(tables: dict[str, Rows]) -> Figure:
+    def series(row):
+        if row["method"] != "softgrip_jax":
+            return row["method"].split(",")[0]
+        return f"ours, {row['precision']}, batches of 1 to 65,536"
+
+    rows = tables["shells"]
+    return work_precision(list(dict.fromkeys(row["scene"] for row in rows)), rows, series)
+
+
+def _fingers(tables: dict[str, Rows]) -> Figure:
+    rows = [*tables["fingers"], *tables.get("scenes", []), *tables.get("peers", [])]
+
+    def series(row):
+        if row["method"] == "softgrip_jax":
+            law, *rest = row["setting"].split(", ")
+            if len(rest) < 2:
+                return None
+            if row["batch"] not in (256, 512) or row["precision"] == "float32":
+                return None
+            return f"ours, {law}, {rest[0]}"
+        return None if "reference" in row["method"] else row["method"]
+
+    return work_precision(["finger free", "finger tip contact", "finger grasp"], rows, series)
+
+
+def _throughput(tables: dict[str, Rows]) -> Figure:
+    figure = Figure(figsize=(6.4, 3.4), layout="constrained")
+    ax = figure.subplots()
+    rows = [*tables["shells"], *tables["fingers"]]
+    lines = {}
+    for row in rows:
+        if row["method"] != "softgrip_jax" or row["precision"] != "float64":
+            continue
+        if row["scene"] == "finger tip contact" and row["setting"] != "exact, Dopri8, 4 steps":
+            continue
+        lines.setdefault(row["scene"], {})[row["batch"]] = (1 / row["seconds"], 1 / row["gradient_seconds"])
+    for k, (scene, known) in enumerate(lines.items()):
+        sizes = sorted(known)
+        for j, style in enumerate(("-", ":")):
+            label = scene + (", with gradient" if j else "")
+            ax.plot(sizes, [known[n][j] for n in sizes], MARKS[k] + style, color=_colour(k), ms=4, lw=1.1, label=label)
+    ax.set(xscale="log", yscale="log", xlabel="designs in a batch", ylabel="designs per second, one core")
+    ax.grid(True, lw=0.3, color="0.85")
+    ax.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+def _models(tables: dict[str, Rows]) -> Figure:
+    rows = tables["models"]
+    labels, thesis, better = [], [], []
+    for row in rows:
+        at = f" at {row['at']:g}" if isinstance(row["at"], float) else ""
+        labels.append(row["quantity"] + at)
+        thesis.append(100 * (row["thesis_model"] / row["finite_elements"] - 1))
+        ours = row["better_model"]
+        better.append(100 * (ours / row["finite_elements"] - 1) if isinstance(ours, float) else np.nan)
+    figure = Figure(figsize=(7.2, 0.24 * len(rows) + 0.9), layout="constrained")
+    ax = figure.subplots()
+    y = np.arange(len(rows))[::-1]
+    ax.axvline(0, color=BODY, lw=0.8)
+    ax.barh(y + 0.18, thesis, 0.34, color=COLOURS[1], label="thesis")
+    ax.barh(y - 0.18, better, 0.34, color=COLOURS[0], label="energy membrane, exact section law")
+    for place, value in zip(y, thesis, strict=True):
+        if not np.isfinite(value):
+            ax.text(0.5, place + 0.18, "no equilibrium", va="center", fontsize=6.5, color=COLOURS[1])
+    ax.set_yticks(y, labels, fontsize=7.5)
+    ax.set_xlabel("difference from finite elements, %")
+    ax.legend(fontsize=8, loc="lower right")
+    return figure
+
+
+PICTURES = (
+    ("work_precision_shells", _shells, ("shells",)),
+    ("work_precision_fingers", _fingers, ("fingers",)),
+    ("throughput", _throughput, ("shells", "fingers")),
+    ("model_error", _models, ("models",)),
+)

@@ -1,0 +1,62 @@
+"""What a user waits for: imports, and `softgrip solve` the first and the second time."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+IMPORTS = {
+    "import jax, diffrax": "import jax, diffrax",
+    "import softgrip_jax": "import softgrip_jax",
+    "import softgrip_jax, all that solve needs": "import softgrip_jax as sg; sg.solve, sg.shell, sg.pneunet",
+}
+CONFIGS = ("shell_free", "shell_cylinder", "finger_tip_contact", "finger_grasp")
+REPEATS = 5
+FIELDS = ("what", "time", "seconds", "cpu_seconds", "peak_memory_MB")
+
+
+def run(order: list[str], environment: dict[str, str]) -> tuple[float, float, float]:
+    """(seconds on the wall, CPU seconds, peak memory in MB) of a command."""
+    began = time.perf_counter()
+    process = subprocess.Popen(order, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+    _, status, use = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise RuntimeError(f"{' '.join(order)} ended with {process.returncode}")
+    return time.perf_counter() - began, use.ru_utime + use.ru_stime, use.ru_maxrss / 1024
+
+
+def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """Rows of their own kind: medians of several imports, every run of a config."""
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # what a user has
+    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")}
+    rows = []
+    taken: dict[str, list[tuple[float, ...]]] = {words: [] for words in IMPORTS}
+    for _ in range(1 if quick else REPEATS):
+        for words, code in IMPORTS.items():
+            taken[words].append(run([sys.executable, "-c", code], environment))
+    for words, all_of_them in taken.items():
+        rows.append(_row(words, "", [statistics.median(column) for column in zip(*all_of_them, strict=True)]))
+    for config in CONFIGS[:1] if quick else CONFIGS:
+        cache = tempfile.mkdtemp(prefix="softgrip-bench-")
+        order = [sys.executable, "-c", "from softgrip_jax.cli import main; main()", "solve", f"configs/{config}.toml"]
+        try:
+            for when in ("first", "second", "third"):
+                rows.append(
+                    _row(f"softgrip solve {config}.toml", when, run(order, environment | {"XDG_CACHE_HOME": cache}))
+                )
+        finally:
+            shutil.rmtree(cache)
+    return rows, FIELDS
+
+
+def _row(what: str, when: str, numbers: Any) -> dict[str, Any]:
+    return dict(zip(FIELDS, (what, when, *numbers), strict=True))
