@@ -181,7 +181,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
 
 def _sense(problem: Problem) -> tuple[int, str]:
     """(-1 where the objective is that of one goal to be maximised, how people call the objective)."""
-    if len(problem.goals) > 1:
+    if problem.goals[1:]:
         return 1, "sum of the goals"
     goal = problem.goals[0]
     name = problem.label(goal.quantity).replace("_", " ")

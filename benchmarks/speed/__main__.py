@@ -99,9 +99,10 @@ def run_part(part: str, folder: Path, quick: bool, core: int | None) -> None:
     from importlib import import_module
 
     began = time.perf_counter()
-    measured = import_module(f".{part.removesuffix('s')}_part", __package__).measure(quick)
-    rows, fields = measured if isinstance(measured, tuple) else (measured, measure.FIELDS)
-    measure.write(folder / f"{part}.csv", rows, fields)
+    module, rows = import_module(f".{part.removesuffix('s')}_part", __package__), []
+    for one in module.measure(quick):  # a run that is stopped keeps what it has
+        rows.append(one)
+        measure.write(folder / f"{part}.csv", rows, getattr(module, "FIELDS", measure.FIELDS))
     told = measure.machine() | {
         "seconds": round(time.perf_counter() - began),
         "peak_memory_MB": round(measure.peak_memory() / 1e6),

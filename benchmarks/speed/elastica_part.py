@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,11 +21,10 @@ PRESSURE, TIP_LOAD = 20 * kPa, 0.03
 """Where there is one equilibrium only, which a swinging rod then finds; N."""
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """Distance between tips over the length, against our linear section."""
     finger = pneunet.PneuNet.table_5_1("A")
     built = {name: float(getattr(finger, name)) for name in ("H", "B", "L")} | {"mu": float(finger.material.mu)}
-    rows = []
     tasks = {"finger free": ((0.0, -2.0), None), "finger with a force on its tip": (None, (0.0, TIP_LOAD))}
     solved = {
         name: solve(
@@ -44,8 +44,7 @@ def measure(quick: bool) -> list[dict[str, Any]]:
             )
             spent = clock() - began
             error = float(np.linalg.norm(np.asarray(tip) - true)) / built["L"]
-            rows.append(row(
+            yield row(
                 name, "PyElastica, relaxed", f"{elements} elements, {seconds:g} s", error=error, seconds=spent,
                 compile_seconds=compiling,
-            ))  # fmt: skip
-    return rows
+            )  # fmt: skip

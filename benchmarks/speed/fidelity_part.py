@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ FIELDS = (
 )
 
 
-def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """One row."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "tests"))
     import test_fidelity as tested
@@ -37,4 +38,4 @@ def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
     kept = tested.few if quick else lambda _: True
     bounded, total, missed, needless, rungs = tested.compared(cases, kept, truth)
     found = (len(cases), int(np.sum(status == 0)), rungs, total, bounded, bounded / total, len(missed), len(needless))
-    return [dict(zip(FIELDS, found, strict=True))], FIELDS
+    yield dict(zip(FIELDS, found, strict=True))

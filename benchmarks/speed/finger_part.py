@@ -46,9 +46,8 @@ def reference(case: cases.Case, batch: cases.Batch) -> tuple[np.ndarray, np.ndar
     return np.asarray(values), cases.elasticities(batch, values, gradients, case.pressure is not None)
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """All rows of the finger with its tip held."""
-    rows = []
     for law, steps in STEPS.items():
         if quick and law != "exact":
             continue
@@ -57,18 +56,18 @@ def measure(quick: bool) -> list[dict[str, Any]]:
         true = reference(fine, batch.lanes(cases.JUDGED))
         for count in steps[1:2] if quick else steps:
             lanes = batch.lanes(16 if quick else USUAL)
-            rows.append(one(law, count, lanes, true))
+            yield one(law, count, lanes, true)
         if law != "exact" or quick:
             continue
         for name, (solver, counts) in INTEGRATORS.items():
             for count in counts:
                 with integrator(solver):
-                    rows.append(one(law, count, batch.lanes(USUAL), true, method=name))
-        rows += [one(law, 4, batch.lanes(size), true) for size in BATCHES if size != USUAL]
+                    yield one(law, count, batch.lanes(USUAL), true, method=name)
+        for size in BATCHES:
+            yield one(law, 4, batch.lanes(size), true)
         with jax.enable_x64(False):
             single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), batch.lanes(USUAL))
-            rows.append(one(law, 4, single, true, "float32"))
-    return rows
+            yield one(law, 4, single, true, "float32")
 
 
 def one(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +19,11 @@ START = 0.5
 """First guess of fsolve, rad, where the thesis says 'on the basis of practically feasible solution range'."""
 
 
-def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """A row per case."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "tests"))
     from hard_cases import CASES
 
-    rows = []
     for case in CASES[:5:4] if quick else CASES:
         pressure = case.pressure()
         found = sg.solve(case.make(), pressure)
@@ -37,10 +37,8 @@ def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
         said = status.name
         if status is sg.Status.OK and case.observable:
             said += f", {case.observable.replace('_', ' ')} {float(found.observables[case.observable]):.6g}"
-        rows.append(dict(zip(FIELDS, (
-            case.name, case.what, theirs, said, error, int(found.iterations), float(found.residual),
-        ), strict=True)))  # fmt: skip
-    return rows, FIELDS
+        numbers = (case.name, case.what, theirs, said, error, int(found.iterations), float(found.residual))
+        yield dict(zip(FIELDS, numbers, strict=True))
 
 
 def solver_of_the_thesis(case: Any, pressure: float) -> str:

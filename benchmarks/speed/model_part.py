@@ -7,7 +7,7 @@ uncertainty 0.2 % for the free shell, 0.5 % on a plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import softgrip_jax as sg
@@ -28,15 +28,15 @@ WEIGHT = {-1.0: -32.86516, -2.0: -49.68945, -3.0: -57.71167}
 """kPa: mm, N, N; N mm: H theta', N; N/m: mm."""
 
 
-def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """Rows of quantities at loads."""
     shell, finger = cases.shell(), sg.PneuNet.table_5_1("A")
-    rows: list[tuple[Any, ...]] = []
 
-    def add(quantity, unit, better, true, thesis: Callable[[float], Any], ours: Callable[[float], Any] | None):
+    def compared(quantity, unit, better, true, thesis: Callable[[float], Any], ours: Callable[[float], Any] | None):
         for at, value in list(true.items())[: 1 if quick else None]:
             ours_value = "" if ours is None else float(ours(at))
-            rows.append((quantity, at, unit, value, float(thesis(at)), ours_value, better))
+            numbers = (quantity, at, unit, value, float(thesis(at)), ours_value, better)
+            yield dict(zip(FIELDS, numbers, strict=True))
 
     def free(model):
         return lambda p: sg.solve(sg.shell.Free(shell, model=model), p * kPa).inflation / mm
@@ -71,9 +71,11 @@ def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
         return lambda m: curvature_and_stretch(section, finger, m * N_mm, 0.0)[0] * finger.H
 
     energy, exact = "energy membrane", "exact section law"
-    add("shell, free: inflation", "mm", energy, FREE, free("arc"), None if quick else free("energy"))
-    add("shell on a plane: force", "N", energy, ON_PLANE, on_plane("arc"), None if quick else on_plane("energy"))
-    add(
+    yield from compared("shell, free: inflation", "mm", energy, FREE, free("arc"), None if quick else free("energy"))
+    yield from compared(
+        "shell on a plane: force", "N", energy, ON_PLANE, on_plane("arc"), None if quick else on_plane("energy")
+    )
+    yield from compared(
         "chamber wall on its neighbour: force",
         "N",
         "",
@@ -81,11 +83,13 @@ def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
         lambda p: sg.pneunet.chamber(finger, p * kPa).force,
         None,
     )
-    add("cover, end moment: H theta'", "", exact, PURE_MOMENT, curved("thesis"), curved("exact"))
+    yield from compared("cover, end moment: H theta'", "", exact, PURE_MOMENT, curved("thesis"), curved("exact"))
     if not quick:
-        add("shell, free: largest pressure", "kPa", energy, {"": FREE_LARGEST}, limit("arc"), limit("energy"))
-        add("cover, tip held: force", "N", exact, TIP_HELD, held("thesis"), held("exact"))
-        add(
+        yield from compared(
+            "shell, free: largest pressure", "kPa", energy, {"": FREE_LARGEST}, limit("arc"), limit("energy")
+        )
+        yield from compared("cover, tip held: force", "N", exact, TIP_HELD, held("thesis"), held("exact"))
+        yield from compared(
             "cover, tip held: largest moment",
             "N mm",
             exact,
@@ -93,5 +97,4 @@ def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
             largest("thesis"),
             largest("exact"),
         )
-        add("cover, its weight: tip y", "mm", exact, WEIGHT, hanging("thesis"), hanging("exact"))
-    return [dict(zip(FIELDS, one, strict=True)) for one in rows], FIELDS
+        yield from compared("cover, its weight: tip y", "mm", exact, WEIGHT, hanging("thesis"), hanging("exact"))

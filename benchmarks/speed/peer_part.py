@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import jax
@@ -28,10 +30,8 @@ REFERENCE_RTOL = 1e-13
 LANES = 256
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """All rows of the peers, and ours at the same designs beside them."""
-    rows = []
-    count = 2 if quick else 8
     for law in ("thesis", "exact"):
         fine = cases.tip_contact(law, FINE_STEPS)
         batch = cases.batch_of(fine, LANES)
@@ -39,27 +39,35 @@ def measure(quick: bool) -> list[dict[str, Any]]:
         case = cases.tip_contact(law, 4)
         lanes = cases.Batch(_with_steps(batch.scene, case.scene), batch.pressure)
         if not quick:
-            rows.append(ours("finger tip contact", case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, 4 steps"})
-        fingers = [as_dict(batch.one(k)) for k in range(count)]
-        if law == "thesis":
-            for words, tolerances in list(THESIS.items())[: 1 if quick else None]:
-                rows.append(one_by_one(
-                    "thesis, fsolve and solve_bvp in turn", words, true, fingers,
-                    lambda f, p, t=tolerances: thesis_peer.finger(f, p, 0.0, tolerances=t).tip_force,
-                ))  # fmt: skip
-        else:
-            for rtol in SCIPY_RTOL[1:2] if quick else SCIPY_RTOL:
-                rows.append(one_by_one(
-                    "SciPy, solve_ivp in root", f"exact, rtol {rtol:g}", true, fingers,
-                    lambda f, p, rtol=rtol: scipy_peer.tip_force(f, p, rtol),
-                ))  # fmt: skip
-            rows += [by_diffrax(law, batch, true, rtol) for rtol in (DIFFRAX_RTOL[1:2] if quick else DIFFRAX_RTOL)]
+            yield ours("finger tip contact", case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, 4 steps"}
+        fingers = [as_dict(batch.one(k)) for k in range(2 if quick else 8)]
+        yield from (by_alternation if law == "thesis" else by_shooting)(fingers, true, quick)
+        if law == "exact":
+            for rtol in DIFFRAX_RTOL[1:2] if quick else DIFFRAX_RTOL:
+                yield by_diffrax(law, batch, true, rtol)
         if not quick:
             few = batch.lanes(cases.JUDGED)
-            rows.append(by_diffrax(law, few, true, REFERENCE_RTOL) | {"method": "diffrax, reference"})
+            yield by_diffrax(law, few, true, REFERENCE_RTOL) | {"method": "diffrax, reference"}
     if not quick:
-        rows += grasps()
-    return rows
+        yield from grasps()
+
+
+def by_alternation(fingers: Any, true: Any, quick: bool) -> Iterator[dict[str, Any]]:
+    """Algorithm 6, with the thesis's tolerances and finer ones."""
+    for words, tolerances in list(THESIS.items())[: 1 if quick else None]:
+        method = "thesis, fsolve and solve_bvp in turn"
+        yield one_by_one(method, words, true, fingers, _alternate(tolerances))
+
+
+def _alternate(tolerances: Tolerances) -> Any:
+    return lambda f, p: thesis_peer.finger(f, p, 0.0, tolerances=tolerances).tip_force
+
+
+def by_shooting(fingers: Any, true: Any, quick: bool) -> Iterator[dict[str, Any]]:
+    """solve_ivp inside root."""
+    for rtol in SCIPY_RTOL[1:2] if quick else SCIPY_RTOL:
+        shoot = partial(scipy_peer.tip_force, rtol=rtol)
+        yield one_by_one("SciPy, solve_ivp in root", f"exact, rtol {rtol:g}", true, fingers, shoot)
 
 
 def as_dict(lane: cases.Batch) -> tuple[dict[str, float], float]:
@@ -101,19 +109,17 @@ def by_diffrax(law: str, batch: cases.Batch, true: Any, rtol: float) -> dict[str
     )  # fmt: skip
 
 
-def grasps() -> list[dict[str, Any]]:
+def grasps() -> Iterator[dict[str, Any]]:
     """Algorithm 7 for the thesis's cylinder of 26 g, with its step and with brentq instead."""
     fine = cases.grasp("thesis", FINE_STEPS)
     solved = jax.jit(cases.value_of(fine))(fine.scene, jnp.zeros(()))
     true, finger = float(solved) / 1e6, as_dict(cases.batch_of(cases.tip_contact(), 1).one(0))[0]
     pull = 26 * gram * 9.80665 / 3
     task = (-1.61, pull, (2e-3, 0.0), pull / 0.96)
-    rows = []
     for words, solve in (
         ("steps of 1 kPa", lambda: thesis_peer.algorithm_7(finger, *task, 0.02, 1 * kPa / 1e6, Tolerances())),
         ("brentq", lambda: thesis_peer.bracketed_7(finger, *task, 0.02, 0.035, Tolerances(1e-7, 1e-7, 1e-11, 480))),
     ):
         error = abs(solve() / true - 1)
         seconds = median_seconds(solve, repeats=3)
-        rows.append(row("finger grasp", "thesis, algorithm 7", words, error=error, seconds=seconds))
-    return rows
+        yield row("finger grasp", "thesis, algorithm 7", words, error=error, seconds=seconds)

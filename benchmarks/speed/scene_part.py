@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from . import cases
@@ -13,9 +14,8 @@ SCENES = {"finger free": cases.free_finger, "finger grasp": cases.grasp}
 LANES = 256
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """All rows of these scenes."""
-    rows = []
     for name, make in SCENES.items():
         if quick and name != "finger free":
             continue
@@ -26,5 +26,4 @@ def measure(quick: bool) -> list[dict[str, Any]]:
             for count in steps[1:2] if quick else steps:
                 case = make(law, count)
                 lanes = cases.Batch(_with_steps(batch.scene, case.scene), batch.pressure)
-                rows.append(ours(name, case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, Dopri8, {count} steps"})
-    return rows
+                yield ours(name, case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, Dopri8, {count} steps"}

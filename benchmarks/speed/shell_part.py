@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -20,9 +21,8 @@ FSOLVE_XTOL = (1e-3, 1e-6, 1.49e-8, 1e-12)
 PLAIN_RTOL = (1e-3, 1e-6, 1e-9, 1e-12)
 
 
-def measure(quick: bool) -> list[dict[str, Any]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """All rows of the shells."""
-    rows = []
     for name, case in cases.shells().items():
         if quick and name != "shell flat":
             continue
@@ -30,15 +30,15 @@ def measure(quick: bool) -> list[dict[str, Any]]:
         batch = cases.batch_of(case, max(BATCHES))
         true = reference(name, batch, count)
         for size in (256,) if quick else BATCHES:
-            rows.append(ours(name, case, batch.lanes(size), true))
+            yield ours(name, case, batch.lanes(size), true)
         with jax.enable_x64(False):
             single = jax.tree.map(lambda leaf: leaf.astype(jnp.float32), batch)
             for size in () if quick else (1, 4096, 65536):
-                rows.append(ours(name, case, single.lanes(size), true, "float32"))
-        rows += [by_fsolve(name, batch, true, xtol, count) for xtol in (FSOLVE_XTOL[2:3] if quick else FSOLVE_XTOL)]
-        rows += [by_newton(name, batch.lanes(16 if quick else CHUNK), true, rtol)
-                 for rtol in (PLAIN_RTOL[2:3] if quick else PLAIN_RTOL)]  # fmt: skip
-    return rows
+                yield ours(name, case, single.lanes(size), true, "float32")
+        for xtol in FSOLVE_XTOL[2:3] if quick else FSOLVE_XTOL:
+            yield by_fsolve(name, batch, true, xtol, count)
+        for rtol in PLAIN_RTOL[2:3] if quick else PLAIN_RTOL:
+            yield by_newton(name, batch.lanes(16 if quick else CHUNK), true, rtol)
 
 
 def reference(name: str, batch: cases.Batch, count: int) -> tuple[np.ndarray, np.ndarray]:

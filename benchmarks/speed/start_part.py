@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,28 +35,24 @@ def run(order: list[str], environment: dict[str, str]) -> tuple[float, float, fl
     return time.perf_counter() - began, use.ru_utime + use.ru_stime, use.ru_maxrss / 1024
 
 
-def measure(quick: bool) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """Rows of their own kind: medians of several imports, every run of a config."""
     os.sched_setaffinity(0, range(os.cpu_count() or 1))  # what a user has
     environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")}
-    rows = []
     taken: dict[str, list[tuple[float, ...]]] = {words: [] for words in IMPORTS}
     for _ in range(1 if quick else REPEATS):
         for words, code in IMPORTS.items():
             taken[words].append(run([sys.executable, "-c", code], environment))
     for words, all_of_them in taken.items():
-        rows.append(_row(words, "", [statistics.median(column) for column in zip(*all_of_them, strict=True)]))
+        yield _row(words, "", [statistics.median(column) for column in zip(*all_of_them, strict=True)])
     for config in CONFIGS[:1] if quick else CONFIGS:
         cache = tempfile.mkdtemp(prefix="softgrip-bench-")
         order = [sys.executable, "-c", "from softgrip_jax.cli import main; main()", "solve", f"configs/{config}.toml"]
         try:
             for when in ("first", "second", "third"):
-                rows.append(
-                    _row(f"softgrip solve {config}.toml", when, run(order, environment | {"XDG_CACHE_HOME": cache}))
-                )
+                yield _row(f"softgrip solve {config}.toml", when, run(order, environment | {"XDG_CACHE_HOME": cache}))
         finally:
             shutil.rmtree(cache)
-    return rows, FIELDS
 
 
 def _row(what: str, when: str, numbers: Any) -> dict[str, Any]:

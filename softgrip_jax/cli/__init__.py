@@ -35,7 +35,10 @@ def run(arguments: Sequence[str]) -> int:
     # Every mistake in what was typed is a subclass of typer's own, which has no public name.
     usage_error: Any = typer.BadParameter.__mro__[1]
     try:
-        return app(args=list(arguments) or ["--help"], prog_name="softgrip", standalone_mode=False) or 0
+        code = app(args=list(arguments) or ["--help"], prog_name="softgrip", standalone_mode=False) or 0
+        if code == STOPPED:  # typer makes this of Ctrl-C, without a word
+            raise KeyboardInterrupt
+        return code
     except usage_error as error:
         command = error.ctx.command_path if error.ctx else "softgrip"
         message = f"{error.format_message().rstrip('.')}; see {command} --help."

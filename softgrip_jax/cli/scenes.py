@@ -14,7 +14,7 @@ from rich.console import Console
 
 from ..errors import ConfigError
 from ..progress import Tell, silent
-from .app import NO_ANSWER, PICTURES, STOPPED, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
+from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
 
 if TYPE_CHECKING:
     from ..results import Solution
@@ -188,8 +188,8 @@ def path(
 
         write_file(plot, lambda path: curve_of(curve, shown).savefig(path))
     if stopped:
-        print(f"stopped after {good.size} of {points} pressures, which are kept.", file=sys.stderr)
-        raise typer.Exit(STOPPED)
+        print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
+        raise KeyboardInterrupt
     if animate is not None:
         from ..plots import animate as animated
 
