@@ -130,6 +130,156 @@ EDITS = {
 }
 
 
+FINGER_EDITS = {
+    # what is wrong: (config, text in it, what stands there instead, what the sentence says)
+    "unknown section law": (
+        "finger_grasp",
+        'section = "exact"',
+        'section = "euler"',
+        "section is 'euler'; it must be one of 'exact', 'thesis', 'inextensible'.",
+    ),
+    "one finger": (
+        "finger_grasp",
+        "n = 3 ",
+        "n = 1 ",
+        "[scene.gripper]: Gripper.n is 1; it must be a whole number, 2 or more.",
+    ),
+    "unknown preset": (
+        "finger_grasp",
+        "table_5_1_A",
+        "table_5_1_E",
+        "preset is 'table_5_1_E'; did you mean 'table_5_1_D'?",
+    ),
+    "no finger": (
+        "finger_grasp",
+        'preset = "table_5_1_A"',
+        "",
+        "[scene.gripper.finger]: the key a_mm of PneuNet is missing.",
+    ),
+    "preset and a bad field": (
+        "finger_grasp",
+        'preset = "table_5_1_A"',
+        'preset = "table_5_1_A"\nH_mm = 0',
+        "H_mm is 0; it must be a positive finite number in mm.",
+    ),
+    "weight as one number": (
+        "finger_grasp",
+        "= [2, 0] ",
+        "= 2 ",
+        "weight_N_per_m is 2; it must be a list of 2 numbers, each a finite number in N/m.",
+    ),
+    "weight in space": (
+        "finger_grasp",
+        "= [2, 0] ",
+        "= [2, 0, 1] ",
+        "weight_N_per_m is [2, 0, 1]; it must be a list of 2 numbers",
+    ),
+    "weight as nan": (
+        "finger_grasp",
+        "= [2, 0] ",
+        "= [nan, 0] ",
+        "weight_N_per_m is [nan, 0]; it must be a list of 2 numbers",
+    ),
+    "unknown object": (
+        "finger_grasp",
+        '"Cylinder"',
+        '"Sphere"',
+        "[scene.object]: type is 'Sphere'; it must be one of 'Cylinder', 'HexagonalCylinder',",
+    ),
+    "cone without height": (
+        "finger_grasp",
+        'type = "Cylinder"',
+        'type = "Cone"',
+        "[scene.object]: the key height_mm of Cone is missing.",
+    ),
+    "cone without its place": (
+        "finger_grasp",
+        'type = "Cylinder"',
+        'type = "Cone"\nheight_mm = 80',
+        "Grasp.stand_distance is missing: the radius of a Cone depends on the height of the tip",
+    ),
+    "negative radius": (
+        "finger_grasp",
+        "radius_mm = 18",
+        "radius_mm = -18",
+        "radius_mm is -18; it must be a positive finite number in mm.",
+    ),
+    "unknown shooting": (
+        "finger_grasp",
+        'section = "exact"',
+        'shooting = "triple"',
+        "shooting is 'triple'; did you mean 'multiple'?",
+    ),
+    "no steps": (
+        "finger_grasp",
+        'section = "exact"',
+        "steps = 0",
+        "Grasp.steps is 0; it must be a whole number, 1 or more.",
+    ),
+    "half a step": ("finger_grasp", 'section = "exact"', "steps = 2.5", "steps is 2.5; it must be a whole number."),
+    "lists of two lengths": (
+        "finger_nonuniform",
+        "1.2, 1.2, 1.2, 1.2]",
+        "1.2, 1.2, 1.2]",
+        "'h_x': (12,), 't_m': (11,)",
+    ),
+    "negative in a list": (
+        "finger_nonuniform",
+        "[0.7, 0.7",
+        "[-0.7, 0.7",
+        "it must be a finite number, zero or more in mm, or a list of such numbers.",
+    ),
+    "empty list": (
+        "finger_nonuniform",
+        "h_x_mm = [0.7, 0.7, 0.7, 0.8, 0.8, 0.8, 0.9, 0.9, 0.9, 1, 1, 1]",
+        "h_x_mm = []",
+        "h_x_mm is []; it must be a finite number, zero or more in mm, or a list of such numbers.",
+    ),
+    "list of covers": (
+        "finger_nonuniform",
+        'preset = "table_5_1_A"',
+        'preset = "table_5_1_A"\nH_mm = [5, 5]',
+        "H_mm is [5, 5]; it must be a positive finite number in mm.",
+    ),
+    "unknown combination": (
+        "finger_nonuniform",
+        '"sum"',
+        '"least"',
+        "combination is 'least'; it must be one of 'sum', 'larger'.",
+    ),
+    "unknown inclination": (
+        "finger_nonuniform",
+        'combination = "sum"',
+        'inclination = "full"',
+        "inclination is 'full'; it must be one of 'segment', 'gap', 'none'.",
+    ),
+    "angle as word": (
+        "finger_nonuniform",
+        'combination = "sum"',
+        'clamp_angle_deg = "up"',
+        "clamp_angle_deg is 'up'; it must be a finite number in deg.",
+    ),
+    "half a force": (
+        "finger_nonuniform",
+        'combination = "sum"',
+        "tip_load_N = [0.1]",
+        "tip_load_N is [0.1]; it must be a list of 2 numbers, each a finite number in N.",
+    ),
+    "angle as text": (
+        "finger_nonuniform",
+        "pressure_kPa = 25",
+        "tip_angle_deg = 'all'",
+        "tip_angle_deg is 'all'; it must be a finite number in deg.",
+    ),
+    "one number for a point": (
+        "finger_nonuniform",
+        "pressure_kPa = 25",
+        "tip_mm = 5",
+        "there is no key tip_mm; did you mean tip_angle_deg?",
+    ),
+}
+
+
 def in_one_sentence(text: str) -> bool:
     return text.count("\n") == 1 and text.endswith((".\n", "?\n")) and "Traceback" not in text
 
@@ -149,6 +299,19 @@ def test_config(name, tmp_path, capsys):
     assert old in GOOD
     path = tmp_path / "bad.toml"
     path.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
+    sentence = told(["solve", path], capsys)
+    assert sentence.startswith(f"{path}")
+    assert says in sentence
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", FINGER_EDITS)
+def test_finger_config(name, tmp_path, capsys):
+    config, old, new, says = FINGER_EDITS[name]
+    good = (ROOT / "configs" / f"{config}.toml").read_text(encoding="utf-8")
+    assert old in good
+    path = tmp_path / "bad.toml"
+    path.write_text(good.replace(old, new, 1), encoding="utf-8")
     sentence = told(["solve", path], capsys)
     assert sentence.startswith(f"{path}")
     assert says in sentence
