@@ -27,7 +27,7 @@ from scipy.stats import qmc
 
 from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
 from .objectives import Problem, Scales
-from .search import FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
+from .search import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
 
 ANCHOR_STARTS = 2
 """Designs from which each end of the front is sought."""
@@ -137,7 +137,7 @@ class _Known:
 
     def __init__(self, problem: Problem, starts: int, seed: int):
         space = problem.space
-        self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts))
+        self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts, CPU_CHUNK))
         reference = self.evaluate(space.to_unit(space.reference))
         scales: Scales = problem.scales(reference.values[0])
         self.judge = jax.jit(partial(judged_with_slopes, problem, scales))

@@ -69,8 +69,8 @@ REGION, DISTINCT = 0.05, 0.01
 """Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
 
 CPU_CHUNK = 16
-"""Lanes per call on a CPU, where a lane alone costs as much as a lane in a batch: as many as are finished together.
-Elsewhere a chunk holds all the starts."""
+"""Lanes per call on a CPU at most, where a lane alone costs as much as a lane in a batch: as many as are finished
+together, so that no call is filled up with copies. Elsewhere a chunk holds all the starts."""
 
 _LOST = LOST
 """Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
@@ -106,9 +106,9 @@ class Evaluator:
         return Found(found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses)
 
 
-def chunk_for(starts: int) -> int:
+def chunk_for(starts: int, finishes: int) -> int:
     """Lanes per call, see CPU_CHUNK."""
-    return min(starts, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
+    return min(starts, finishes, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
 
 
 class Lane(NamedTuple):
@@ -204,7 +204,7 @@ def search(
         if number < 1:
             raise ValueError(f"{name} is {number}; it must be 1 or more.")
     space, began = problem.space, time.perf_counter()
-    evaluate = Evaluator(problem, chunk_for(starts))
+    evaluate = Evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)
     at_reference = evaluate(reference_t)
     compiled = time.perf_counter()
