@@ -31,7 +31,13 @@ def execute(source: Path) -> nbformat.NotebookNode:
     notebook.cells.insert(0, nbformat.v4.new_code_cell(SMALL_PICTURES))
     # XLA tells its own mind about programs that it takes from the cache.
     os.environ["TF_CPP_MIN_LOG_LEVEL"] = "3"
-    client = nbclient.NotebookClient(notebook, timeout=TIMEOUT, record_timing=False, kernel_name="python3")
+    client = nbclient.NotebookClient(
+        notebook,
+        timeout=TIMEOUT,
+        record_timing=False,
+        kernel_name="python3",
+        coalesce_streams=True,  # or the pieces depend on time
+    )
     client.execute(cwd=str(source.parent))
     del notebook.cells[0]
     for k, cell in enumerate(notebook.cells):

@@ -219,8 +219,9 @@ def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float)
         if error(k) <= tolerance:
             chosen = k
             break
-        # More steps do not help where what the last refinement changed is small beside what is missing.
-        if left_out in coarser and np.isfinite(error(k)):
+        # More steps do not help where what the last refinement changed is small beside what is missing. (Where nothing
+        # is left out they always do, even if two coarse ones happen to agree.)
+        if left_out and left_out in coarser and np.isfinite(error(k)):
             still = np.linalg.norm(read(k).value - coarser[left_out]) / np.linalg.norm(best)
             if error(k) - still > tolerance:
                 hopeless.add(left_out)

@@ -14,6 +14,7 @@ import numpy as np
 import softgrip_jax.pneunet.beam as beam
 
 from . import cases
+from .measure import ON_GPU, WHOLE
 from .shell_part import ours
 
 STEPS = {"exact": (2, 4, 8, 12), "thesis": (2, 4, 12), "inextensible": (2, 4, 12)}
@@ -21,8 +22,8 @@ INTEGRATORS = {"Tsit5": (diffrax.Tsit5(), (8, 24)), "Bosh3": (diffrax.Bosh3(), (
 """Of lower order; with steps that make them comparable."""
 FINE_STEPS = 48
 """Of order 8: errors of fingers are measured against these, and these against diffrax at 1e-13 (see `peers`)."""
-BATCHES = (1, 16, 256, 4096, 65536)
-CHUNK = 256
+BATCHES = (1, 16, 256, 4096, 65536, *[WHOLE] * ON_GPU)
+CHUNK = WHOLE if ON_GPU else 256
 """Larger batches run in chunks of this size; every chunk waits for its slowest lane."""
 USUAL = 512
 """Lanes where the batch size is not what is varied."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import softgrip_jax as sg
+from softgrip_jax.results import in_units
 
 from . import thesis_peer
 
@@ -36,7 +37,8 @@ def measure(quick: bool) -> Iterator[dict[str, Any]]:
             theirs = solver_of_the_thesis(case, pressure)
         said = status.name
         if status is sg.Status.OK and case.observable:
-            said += f", {case.observable.replace('_', ' ')} {float(found.observables[case.observable]):.6g}"
+            kind = found.scene.OBSERVABLES[case.observable]
+            said += f", {case.observable.replace('_', ' ')} {in_units(found.observables[case.observable], kind)}"
         numbers = (case.name, case.what, theirs, said, error, int(found.iterations), float(found.residual))
         yield dict(zip(FIELDS, numbers, strict=True))
 

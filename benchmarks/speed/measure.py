@@ -27,9 +27,15 @@ FIELDS = ("scene", "method", "setting", "precision", "batch", "error", "gradient
 """Columns of every table of measurements; seconds are per design."""
 
 
+ON_GPU = bool(os.environ.get("SOFTGRIP_BENCH_WALL"))
+"""Set by the main process where JAX finds another device than the CPU."""
+WHOLE = 2**20
+"""Lanes of the largest batch on a GPU, which takes it in one piece."""
+
+
 def clock() -> float:
     """Seconds: of this process on a CPU, on the wall elsewhere."""
-    return time.perf_counter() if os.environ.get("SOFTGRIP_BENCH_WALL") else time.process_time()
+    return time.perf_counter() if ON_GPU else time.process_time()
 
 
 def median_seconds(call: Callable[[], Any], repeats: int = REPEATS, least: float = LEAST) -> float:

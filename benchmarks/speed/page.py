@@ -24,6 +24,10 @@ def write_page(page: Path, folder: Path) -> None:
     """Fill the tables of the page from the folder's files, and draw its pictures beside them."""
     tables = {file.stem: measure.read(file) for file in sorted(folder.glob("*.csv"))}
     told = {file.stem: json.loads(file.read_text()) for file in sorted(folder.glob("*.json"))}
+    for part in ("shells", "fingers"):
+        if (folder / "gpu" / f"{part}.csv").exists():
+            tables[f"gpu_{part}"] = measure.read(folder / "gpu" / f"{part}.csv")
+            told[f"{part} (GPU)"] = json.loads((folder / "gpu" / f"{part}.json").read_text())
     pictures.draw(folder, tables)
 
     def filled(found: re.Match) -> str:
@@ -58,7 +62,7 @@ def small(value: Any) -> str:
     """'1e-12'."""
     if not isinstance(value, float) or not np.isfinite(value):
         return ""
-    return f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
+    return "0" if value == 0 else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def whole(value: float) -> str:
@@ -72,9 +76,11 @@ def whole(value: float) -> str:
 def _machine(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = []
     for part, one in told.items():
-        body.append([part, one["date"], one["machine"], one["device"], one["jax"], one["commit"], str(one["load"]),
-                     f"{one['seconds']:g} s", f"{one['peak_memory_MB']:,.0f} MB"])  # fmt: skip
-    return grid(["part", "date", "machine", "device", "jax", "commit", "load", "took", "peak memory"], body)
+        body.append([part, "small" if one["quick"] else "whole", one["date"], one["machine"], one["device"], one["jax"],
+                     one["commit"], str(one["load"]), f"{one['seconds']:g} s",
+                     f"{one['peak_memory_MB']:,.0f} MB"])  # fmt: skip
+    head = ["part", "sample", "date", "machine", "device", "jax", "commit", "load", "took", "peak memory"]
+    return grid(head, body)
 
 
 def _measured(rows: Rows) -> list[str]:
@@ -120,44 +126,69 @@ def ours(rows: Rows, scene: str, setting: str = "") -> Rows:
 def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = []
 
-    def add(what, wanted, measured, held):
+    def add(what: str, wanted: str, measured: str, held: bool) -> None:
         body.append([what, wanted, measured, "yes" if held else "**no**"])
 
+    for needs, judge in (
+        (("shells",), add_shells),
+        (("fingers",), add_fingers),
+        (("peers", "fingers"), add_peers),
+        (("start",), add_start),
+        (("fidelity",), add_fidelity),
+    ):
+        if all(part in tables for part in needs):
+            judge(add, tables)
+    return grid(["what", "wanted", "measured", "held"], body)
+
+
+def add_shells(add: Callable[..., None], tables: Tables) -> None:
+    """States per second, and what a gradient costs."""
     for scene in ("shell free", "shell flat", "shell cylinder"):
-        best = max(ours(tables["shells"], scene), key=lambda row: 1 / row["seconds"])
-        add(f"{scene}: states per second, residual under 1e-12", "500,000", whole(1 / best["seconds"]),
-            1 / best["seconds"] >= 5e5)  # fmt: skip
+        rows = ours(tables["shells"], scene)
+        if rows:
+            speed = max(1 / row["seconds"] for row in rows)
+            add(f"{scene}: states per second, residual under 1e-12", "500,000", whole(speed), speed >= 5e5)
+    add_ratio(add, tables["shells"], "shell cylinder")
+
+
+def add_fingers(add: Callable[..., None], tables: Tables) -> None:
+    """States per second at an error of 1e-6, and what a gradient costs."""
     good = [row for row in ours(tables["fingers"], "finger tip contact", "exact") if row["error"] <= 1e-6]
     if good:
-        best = max(good, key=lambda row: 1 / row["seconds"])
-        add("finger, tip held: states per second, force to 1e-6", "100,000", whole(1 / best["seconds"]),
-            1 / best["seconds"] >= 1e5)  # fmt: skip
-    for part, scene in (("shells", "shell cylinder"), ("fingers", "finger tip contact")):
-        large = [row for row in ours(tables[part], scene) if row["batch"] >= 256]
-        ratio = float(np.median([row["gradient_seconds"] / row["seconds"] for row in large]))
+        speed = max(1 / row["seconds"] for row in good)
+        add("finger, tip held: states per second, force to 1e-6", "100,000", whole(speed), speed >= 1e5)
+    add_ratio(add, tables["fingers"], "finger tip contact")
+
+
+def add_ratio(add: Callable[..., None], rows: Rows, scene: str) -> None:
+    """Value and gradient over the value alone, in batches."""
+    ratios = [row["gradient_seconds"] / row["seconds"] for row in ours(rows, scene) if row["batch"] >= 256]
+    if ratios:
+        ratio = float(np.median(ratios))
         add(f"{scene}: value and full gradient over value", "at most 3", f"{ratio:.2f}", ratio <= 3)
-    add_peers(add, tables)
+
+
+def add_start(add: Callable[..., None], tables: Tables) -> None:
+    """Imports and first answers."""
     start = {(row["what"], row["time"]): row for row in tables["start"]}
-    jax_alone, all_of_ours = (start[words, ""]["seconds"] for words in (
-        "import jax, diffrax", "import softgrip_jax, all that solve needs"))  # fmt: skip
-    add("import softgrip_jax and all that solve needs, over import jax, diffrax", "at most 1.2",
-        f"{all_of_ours / jax_alone:.2f}", all_of_ours <= 1.2 * jax_alone)  # fmt: skip
+    theirs, all_of_ours = (
+        start[words, ""]["seconds"] for words in ("import jax, diffrax", "import softgrip_jax, all that solve needs")
+    )
+    ratio = all_of_ours / theirs
+    add("import softgrip_jax, all that solve needs, over jax and diffrax", "at most 1.2", f"{ratio:.2f}", ratio <= 1.2)
     for (what, when), row in start.items():
-        if when in ("first", "second"):
-            wanted = 4 if when == "first" else 2
+        wanted = {"first": 4, "second": 2}.get(when)
+        if wanted:
             took = f"{row['seconds']:.1f} s (CPU {row['cpu_seconds']:.1f} s)"
             add(f"{what}, {when} time", f"at most {wanted} s", took, row["seconds"] <= wanted)
-    if "fidelity" in tables:
-        row = tables["fidelity"][0]
-        add(
-            "fidelity.choose: estimates that bound the error",
-            "99 %",
-            f"{100 * row['share']:.2f} %",
-            row["share"] >= 0.99,
-        )
-        add("... the dearest rung where a cheaper one suffices", "never", f"{row['needlessly_dearest']:g} times",
-            row["needlessly_dearest"] == 0)  # fmt: skip
-    return grid(["what", "wanted", "measured", "held"], body)
+
+
+def add_fidelity(add: Callable[..., None], tables: Tables) -> None:
+    """The estimate as a bound, and dear choices."""
+    row = tables["fidelity"][0]
+    share, dear = row["share"], row["needlessly_dearest"]
+    add("fidelity.choose: estimates that bound the error", "99 %", f"{100 * share:.2f} %", share >= 0.99)
+    add("... the dearest rung where a cheaper one suffices", "never", f"{dear:g} times", dear == 0)
 
 
 def add_peers(add: Callable[..., None], tables: Tables) -> None:
@@ -204,14 +235,13 @@ def _fidelity(tables: Tables, told: dict[str, Any]) -> list[str]:
 
 def _models(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = []
-    for row in tables["models"]:
-        at = f" at {row['at']:g}" if isinstance(row["at"], float) else ""
+    for row in pictures.ordered(tables["models"]):
         cells = [f"{row['finite_elements']:.4g}"]
         for name in ("thesis_model", "better_model"):
             value = row[name]
             known = isinstance(value, float) and np.isfinite(value)
             cells.append(f"{value:.4g} ({100 * (value / row['finite_elements'] - 1):+.1f} %)" if known else "none")
-        body.append([f"{row['quantity']}{at}", str(row["unit"]), *cells, str(row["better"])])
+        body.append([pictures.named(row), str(row["unit"]), *cells, str(row["better"])])
     return grid(["quantity", "unit", "finite elements", "thesis", "better", "which is"], body)
 
 
@@ -225,7 +255,7 @@ def _hard(tables: Tables, told: dict[str, Any]) -> list[str]:
 
 TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = {
     "machine": (_machine, ()),
-    "targets": (_targets, ("shells", "fingers", "peers", "start")),
+    "targets": (_targets, ()),
     "shells": (_all_of("shells"), ("shells",)),
     "fingers": (_all_of("fingers"), ("fingers",)),
     "scenes": (_all_of("scenes"), ("scenes",)),
@@ -235,4 +265,6 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "fidelity": (_fidelity, ("fidelity",)),
     "models": (_models, ("models",)),
     "hard": (_hard, ("hard",)),
+    "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
+    "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),
 }

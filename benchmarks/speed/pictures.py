@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
 
 from softgrip_jax.plots.curves import COLOURS
 from softgrip_jax.plots.figures import BODY, STYLE
@@ -28,7 +29,7 @@ def draw(folder: Path, tables: dict[str, Rows]) -> None:
 def work_precision(scenes: list[str], rows: Rows, series: Callable[[dict], str | None]) -> Figure:
     """Error over time per design: above the observable, below its gradient; a panel for each scene."""
     figure = Figure(figsize=(3.3 * len(scenes), 5.6), layout="constrained")
-    axes = figure.subplots(2, len(scenes), squeeze=False)
+    axes = figure.subplots(2, len(scenes), squeeze=False, sharex=True)
     names = list(dict.fromkeys(filter(None, (series(row) for row in rows))))
     for column, scene in enumerate(scenes):
         for line, (error, seconds) in enumerate((("error", "seconds"), ("gradient_error", "gradient_seconds"))):
@@ -43,6 +44,7 @@ def work_precision(scenes: list[str], rows: Rows, series: Callable[[dict], str |
                     x, y = np.array(sorted(points)).T
                     ax.plot(x, y, MARKS[k % len(MARKS)] + "-", color=_colour(k), ms=4, lw=0.9, label=name)
             ax.set(xscale="log", yscale="log", ylim=(5e-17, 1))
+            ax.xaxis.set_minor_formatter(NullFormatter())
             ax.grid(True, which="major", lw=0.3, color="0.85")
             if column == 0:
                 ax.set_ylabel("error of the value" if line == 0 else "error of the gradient")
@@ -109,12 +111,25 @@ def _throughput(tables: dict[str, Rows]) -> Figure:
     return figure
 
 
+def ordered(rows: Rows) -> Rows:
+    """Comparisons of models with what belongs together side by side, in the order in which it first appears."""
+    first = list(dict.fromkeys(row["quantity"].split()[0] for row in rows))
+    return sorted(rows, key=lambda row: first.index(row["quantity"].split()[0]))
+
+
+def named(row: dict[str, Any]) -> str:
+    """'shell, free: inflation at 5 kPa'."""
+    at, quantity = row["at"], row["quantity"]
+    if not isinstance(at, float):
+        return quantity
+    unit = "kPa" if quantity.startswith(("shell", "chamber")) else "N/m" if "weight" in quantity else "N mm"
+    return f"{quantity} at {at:.3g} {unit}"
+
+
 def _models(tables: dict[str, Rows]) -> Figure:
-    rows = tables["models"]
-    labels, thesis, better = [], [], []
+    rows = ordered(tables["models"])
+    labels, thesis, better = [named(row) for row in rows], [], []
     for row in rows:
-        at = f" at {row['at']:g}" if isinstance(row["at"], float) else ""
-        labels.append(row["quantity"] + at)
         thesis.append(100 * (row["thesis_model"] / row["finite_elements"] - 1))
         ours = row["better_model"]
         better.append(100 * (ours / row["finite_elements"] - 1) if isinstance(ours, float) else np.nan)
@@ -129,7 +144,8 @@ def _models(tables: dict[str, Rows]) -> Figure:
             ax.text(0.5, place + 0.18, "no equilibrium", va="center", fontsize=6.5, color=COLOURS[1])
     ax.set_yticks(y, labels, fontsize=7.5)
     ax.set_xlabel("difference from finite elements, %")
-    ax.legend(fontsize=8, loc="lower right")
+    ax.set_ylim(-0.6, len(rows) - 0.4)
+    figure.legend(fontsize=8, loc="outside upper center", ncols=2)
     return figure
 
 
