@@ -147,14 +147,24 @@ class PathScene(Scene):
         def over(u):
             return surplus(value, u, fixed.observe(u[:-1], span.pressure_at(u)))
 
-        loaded, status, steps = fixed._search(fixed._start(), _to_place, jnp.ones_like(span.end), span)
-        u, reached, more = fixed._search(loaded.at[-1].set(1.0), surplus, value, span)
-        status = jnp.where(status == Status.OK, jnp.where(over(loaded) >= 0, Status.NO_CONTACT, reached), status)
+        def walk(u, is_loading):
+            """First to where the pressure begins to act, then to the target: one program for both."""
+
+            def goal(context, u, observed):
+                is_loading, value = context
+                return jnp.where(is_loading, u[-1] - 1, surplus(value, u, observed))
+
+            u, *found = fixed._search(u, goal, (is_loading, value), span)
+            return u.at[-1].set(jnp.where(is_loading, 1.0, u[-1])), (u, *found)
+
+        u, (points, statuses, counts) = lax.scan(walk, fixed._start(), jnp.array([True, False]))
+        reached = jnp.where(over(points[0]) >= 0, Status.NO_CONTACT, statuses[1])
+        status = jnp.where(statuses[0] == Status.OK, reached, statuses[0])
         pressure = span.pressure_at(u)
         status = jnp.where((status == Status.OK) & (pressure > span.end), Status.BEYOND_LIMIT, status)
         status = jnp.where(jnp.isfinite(value), status, Status.IMPOSSIBLE)
         mismatch = jnp.where(status == Status.OK, over(u), 0.0)
-        found = fixed.settled(Found(u[:-1], pressure, status, steps + more, mismatch))
+        found = fixed.settled(Found(u[:-1], pressure, status, jnp.sum(counts), mismatch))
         step, status = span.step, found.status
 
         scene, target = gate(status == Status.OK, (self, target))

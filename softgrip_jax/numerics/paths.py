@@ -215,6 +215,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
     same point, the path itself is followed from u. Both ways are one program, compiled once.
     """
     start = _begin(u)
+    equations = jax.jit(equations, static_argnums=() if roughly else 1)  # traced once for all that follows
     if not roughly:
         end = _walk(equations, start, start, True, args)
         return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)

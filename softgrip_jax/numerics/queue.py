@@ -27,6 +27,7 @@ def in_slots(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], sta
 
     Neither function may hold traced values: those come through `start` and `context`. No derivatives pass through.
     """
+    iterate = jax.jit(iterate)  # traced once, for one lane and for many
 
     def loop(start, context):
         return lax.while_loop(busy, lambda state: iterate(state, context), start)
