@@ -215,9 +215,10 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
     same point, the path itself is followed from u. Both ways are one program, compiled once.
     """
     start = _begin(u)
-    equations = jax.jit(equations, static_argnums=() if roughly else 1)  # traced once for all that follows
+    # Traced once for all that follows; a number of steps that is known stays known.
+    traced = jax.jit(equations if roughly else lambda u, _, args: equations(u, True, args))
     if not roughly:
-        end = _walk(equations, start, start, True, args)
+        end = _walk(traced, start, start, jnp.asarray(True), args)
         return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
     def walk(last, fine):
@@ -227,7 +228,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
         near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
         near_end = _aimed(select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True)))
         begin = select((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
-        found = _walk(equations, begin, start, fine, args)
+        found = _walk(traced, begin, start, fine, args)
         return (found, iterations + found.iterations), None
 
     (end, iterations), _ = lax.scan(walk, (start, jnp.asarray(0)), jnp.asarray([False, True]))
