@@ -14,6 +14,8 @@ import softgrip_jax as sg
 from softgrip_jax.materials import Material
 from softgrip_jax.results import Status
 from softgrip_jax.shell import energy
+from softgrip_jax.shell.basis import Grid, contact_tables
+from softgrip_jax.shell.energy_maps import contact_average
 from softgrip_jax.shell.obstacles import Cylinder, Obstacle, Plane, Shape, Sphere
 from softgrip_jax.shell.sheet import tension_field
 from softgrip_jax.units import kPa, mm
@@ -201,6 +203,18 @@ def test_derivatives_by_what_breaks_the_symmetry():
         np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / (2 * step), rtol=1e-5, atol=1e-5)
     assert np.all(np.abs(slopes[:2]) > 1e-3)
     assert np.all(np.abs(slopes[2]) < 1e-6)
+
+
+@pytest.mark.parametrize("symmetry", ["both", "across", "none"])
+def test_a_map_keeps_an_even_pressure_and_its_mirror_image(symmetry):
+    grid = Grid(3, 4, symmetry, False)
+    points = np.random.default_rng(0).uniform(-1, 1, (20, 2))
+    shares = contact_average(grid, points)
+    np.testing.assert_allclose(shares.sum(axis=1), 1, rtol=1e-12)
+    # The pressure of the points themselves, once as they stand and once on the other side.
+    pressed = np.abs(contact_tables(grid).points[:, 1])
+    np.testing.assert_allclose(shares @ pressed, contact_average(grid, -points) @ pressed, rtol=1e-12)
+    assert np.corrcoef(shares @ pressed, np.abs(points[:, 1]))[0, 1] > 0.9
 
 
 def test_symmetry_is_a_shortcut():

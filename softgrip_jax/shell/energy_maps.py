@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 TINY = 1e-30
 """Under a root whose derivative nobody asks for."""
+MEAN_OVER = 0.6
+"""Standard width of the weights, in mean distances between contact points: turns are evened out to a sixth."""
 
 
 def _larger(trace: Array, determinant: Array) -> Array:
@@ -48,18 +50,19 @@ def shape_observables(scene: EnergyScene, y: Vector) -> dict[str, Array]:
     }
 
 
-def contact_interpolation(grid: Grid, points: Any) -> Float[np.ndarray, "p k"]:
-    """Contact pressures at any points (xi, eta), linear between contact points and zero on the clamped edges."""
+def contact_average(grid: Grid, points: Any) -> Float[np.ndarray, "p k"]:
+    """Weights of the contact pressures at any points (xi, eta): their mean over about the distance between them.
+
+    Single contact points take turns in pressing; their neighbourhood presses evenly. The weights are Gaussian along
+    each axis; an even pressure stays what it is.
+    """
     sides = []
-    for axis, (nodes, _) in enumerate(contact_axes(grid)):
-        at = np.asarray(points, dtype=float)[:, axis]
-        if grid.symmetry in ("both", ("across", "along")[axis]):
-            at, ends = np.abs(at), np.append(nodes, 1.0)
-        else:
-            nodes = np.concatenate([-nodes[::-1], nodes])
-            ends = np.concatenate([[-1.0], nodes, [1.0]])
-        one = (ends[:, None] == nodes).astype(float)
-        sides.append(np.stack([np.interp(at, ends, one[:, k]) for k in range(len(nodes))], axis=1))
+    for axis, (nodes, weights) in enumerate(contact_axes(grid)):
+        at, width = np.asarray(points, dtype=float)[:, axis, None], MEAN_OVER / len(nodes)
+        right, left = (weights * np.exp(-(((at - side * nodes) / width) ** 2) / 2) for side in (1, -1))
+        even = grid.symmetry in ("both", ("across", "along")[axis])
+        found = right + left if even else np.concatenate([left[:, ::-1], right], axis=1)
+        sides.append(found / found.sum(axis=1, keepdims=True))
     return (sides[0][:, :, None] * sides[1][:, None, :]).reshape(len(sides[0]), -1)
 
 
@@ -94,7 +97,7 @@ def surface(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:
         "smaller_stretch": jnp.sqrt(determinant) / larger,
     }
     if scene.body is not None:
-        true = contact_interpolation(scene.grid, points) @ pressed / jnp.sqrt(determinant)
+        true = contact_average(scene.grid, points) @ pressed / jnp.sqrt(determinant)
         maps["contact_pressure"] = scene.unit() * true
     maps = {name: jnp.reshape(value, (n, n)) for name, value in maps.items()}
     return maps | {"place": jnp.reshape(shell.a * at.place, (n, n, 3))}

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..checked import choice, is_concrete, part
 from .basis import Grid, at_points
-from .energy_maps import contact_interpolation, shape_observables
+from .energy_maps import contact_average, shape_observables
 from .energy_scene import EnergyScene
 from .obstacles import Obstacle, Shape, length
 from .sheet import local
@@ -204,7 +204,7 @@ class EnergyFlat(ObstacleContact):
             points[:, axis] = (nodes + 1) / 2
             values = at_points(self.grid, points)
             at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(y, values), points, aspect)
-            pressing = contact_interpolation(self.grid, points) @ pressed
+            pressing = contact_average(self.grid, points) @ pressed
             true = pressing / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
             stretch = jnp.linalg.norm(at.along_y if axis else at.along_x, axis=1)
             side = shell.b if axis else shell.a
