@@ -50,7 +50,7 @@ SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
 COUPLING_COST = 170.0
 """Inclinations that couple are roots inside the beam, part by part."""
 SHELL_COST = 2.0
-ENERGY_COST = 80.0
+ENERGY_COST = 18.0
 """Per product of polynomials."""
 
 

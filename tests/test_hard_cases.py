@@ -32,7 +32,7 @@ def test_shell(case):
     check(case)
 
 
-@pytest.mark.parametrize("case", [case for case in FINGERS if case not in SLOW], ids=str)
+@pytest.mark.parametrize("case", [case for case in [*FINGERS, *NOT_YET] if case not in SLOW], ids=str)
 def test_finger(case):
     check(case)
 

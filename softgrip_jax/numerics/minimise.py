@@ -1,14 +1,21 @@
-"""Minima of an energy under a growing load, and under constraints by an augmented Lagrangian.
+"""Minima of an energy under g(y) >= 0, followed as the load grows.
 
-One loop does everything, one evaluation of energy, gradient and Hessian in its body: Newton steps, their line search,
-load steps, and the rounds of the augmented Lagrangian. Lanes of a batch are then never kept waiting inside a stage,
-and the functional is compiled once. No derivatives pass through (see roots.implicit).
+An equilibrium is a minimum of energy(y, load) with multipliers l >= 0, zero where g > 0. Far from it the augmented
+Lagrangian
+
+    energy + sum of weight ((max(0, l - rho g))^2 - l^2) / (2 rho)
+
+is minimised by Newton's method with a line search, l held; near it y and l move together by Newton's method for both
+(a primal-dual active set, l - rho g > 0). What is found does not depend on rho, and constraints are met exactly.
+
+One loop does everything, one expansion of the energy in its body: both kinds of steps and the steps of the load.
+Nothing waits for another stage, and the energy is compiled once. No derivatives pass through (see roots.implicit).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax import lax
@@ -18,192 +25,244 @@ from jaxtyping import Array, Bool, Float, Int
 from .roots import select
 
 Vector = Float[Array, " n"]
+Multipliers = Float[Array, " k"]
 Scalar = Float[Array, ""]
-Expansion = Callable[[Vector, Scalar, Any], tuple[Scalar, Vector, Float[Array, "n n"]]]
-"""(y, load, multipliers) -> energy, its gradient and its Hessian by y."""
+
+
+class Expansion(NamedTuple):
+    """Of the augmented Lagrangian at (y, multipliers, load)."""
+
+    value: Scalar
+    gradient: Vector
+    hessian: Float[Array, "n n"]
+    by_load: Vector
+    """d gradient / d load."""
+    gaps: Float[Array, " k"]
+    slopes: Float[Array, "k n"]
+    """d gaps / dy."""
+    pressed: Float[Array, " k"]
+    """max(0, multipliers - rho gaps)."""
+    weights: Float[Array, " k"]
+
 
 DECREASE = 1e-4
 """A step is taken where the energy falls by at least this part of what its slope promises (Armijo)."""
 ROUNDING = 1e-13
-"""Relative rounding of an energy that is a sum over hundreds of points."""
+"""Relative rounding of an energy that is a sum over many points."""
 SHORTER = 0.3
 SHORTEST = 1e-4
 """Steps are cut by SHORTER until they are accepted; below SHORTEST of a Newton step there is no minimum ahead."""
 NEARER = 0.4
 """Of the way to a load without a minimum: the next load step. Failures cost more than steps."""
+NEAR = 0.3
+"""Newton's method for y and multipliers takes over where its step is this small, y being of order one ..."""
+TRIES = 12
+"""... for this many steps. Where contact points still come and go then, the multipliers are held again, and improved
+only where the minimum is known as well as HELD."""
+HELD = 1e-3
 SETTLED = 1e-7
 """After a move this small the next one, which is taken without a look, reaches the last bit: moves e, then C e^2."""
-FINEST = 1e-5
+TRUSTED = 0.2
+"""Of the load: where a larger step fails the guess may be to blame, and the load is tried again."""
+FINEST = 3e-7
 """Load steps below this part of the load count as none: the load has passed its largest value."""
-PATIENCE = 15
-"""Steps at one load. Newton's method needs 3 to 8; where the load has just passed its largest value it halves its
+PATIENCE = 40
+"""Steps at one load. 3 to 10 are needed; where the load has just passed its largest value Newton's method halves its
 distance to a point that is no minimum, and would go on so."""
-MAX_EVALUATIONS = 400
+MAX_EVALUATIONS = 600
 
 
 class Minimum(NamedTuple):
     """Where a minimisation ended."""
 
-    rounds: Float[Array, "k n"]
-    """y of every round of the augmented Lagrangian, the first one without multipliers."""
-    kept: Vector
-    """The last equilibrium of the first round that was met."""
+    y: Vector
+    multipliers: Multipliers
     load: Scalar
-    """Its load."""
+    """Of the last equilibrium that was met."""
+    slope: tuple[Vector, Multipliers]
+    """Its change (of y and multipliers) per load."""
     reached: Bool[Array, ""]
-    """Whether that is the load that was asked for, all rounds done."""
+    """Whether that is the load that was asked for."""
     lost: Bool[Array, ""]
     """Whether no minimum was left at a higher load (and it was not merely given up)."""
     evaluations: Int[Array, ""]
 
 
 class _State(NamedTuple):
-    kept: Vector
-    """The last equilibrium of the first round."""
+    kept: tuple[Vector, Multipliers]
+    """The last equilibrium: y and multipliers."""
     kept_load: Scalar
-    slope: Vector
-    """Its change per load, by the last two."""
+    slope: tuple[Vector, Multipliers]
     base: Vector
     """The last accepted point."""
     move: Vector
     """The step from there."""
     part: Scalar
     """Of the step that is tried."""
+    multipliers: Multipliers
     energy: Scalar
-    """At base; inf where it is not known (a new load)."""
+    """At base; inf where it is not known (a new load, new multipliers)."""
     promise: Scalar
     """Slope of the energy along the step."""
+    together: Int[Array, ""]
+    """Newton steps for y and multipliers since the last one with held multipliers."""
+    wary: Bool[Array, ""]
+    """Whether those steps have failed at this load."""
+    fallback: tuple[Vector, Multipliers]
+    """Where the last step with held multipliers ended, and improved multipliers."""
     load: Scalar
     ceiling: Scalar
     """The least load at which none was found; inf before."""
     trials: Int[Array, ""]
-    """At this load and round."""
-    round: Int[Array, ""]
-    rounds: Float[Array, "k n"]
-    multipliers: Any
+    """At this load."""
     active: Bool[Array, ""]
     reached: Bool[Array, ""]
     lost: Bool[Array, ""]
     count: Int[Array, ""]
 
 
+class _Steps(NamedTuple):
+    held: Vector
+    """Of y, multipliers held."""
+    y: Vector
+    multipliers: Multipliers
+    """The step of y and the new multipliers, together."""
+    slope: tuple[Vector, Multipliers]
+    """Of the equilibrium, per load."""
+    change: Scalar
+    """Of the multipliers, the largest."""
+
+
+def _newton(x: Expansion, multipliers: Multipliers) -> _Steps:
+    """All Newton steps from one factorisation of the Hessian and one of what it leaves to the closed gaps."""
+    factor = jnp.linalg.cholesky(x.hessian), True
+    if not x.gaps.size:
+        step = cho_solve(factor, jnp.stack([-x.gradient, -x.by_load], axis=1)).T
+        return _Steps(step[0], step[0], multipliers, (step[1], multipliers), jnp.zeros_like(x.value))
+    closed = x.pressed > 0
+    slopes = jnp.where(closed[:, None], x.slopes, 0.0)
+    right = jnp.concatenate([jnp.stack([-x.gradient, -x.by_load]), slopes]).T
+    solved = cho_solve(factor, right)
+    held, loaded, spread = solved[:, 0], solved[:, 1], solved[:, 2:]
+    # Forces on the closed gaps that keep them closed; an open one has a one on the diagonal and no force.
+    small = slopes @ spread + jnp.diag(jnp.where(closed, 0.0, 1.0))
+    wanted = jnp.stack([jnp.where(closed, -x.gaps, 0.0) - slopes @ held, -(slopes @ loaded)], axis=1)
+    forces = cho_solve((jnp.linalg.cholesky(small), True), wanted)
+    moved = spread @ forces
+    pushed = forces / x.weights[:, None]
+    changed = jnp.where(closed, multipliers + pushed[:, 0], 0.0)
+    return _Steps(
+        held, held + moved[:, 0], changed, (loaded + moved[:, 1], pushed[:, 1]), jnp.max(jnp.abs(changed - multipliers))
+    )
+
+
 def minimise(
-    expansion: Expansion,
-    update: Callable[[Vector, Scalar, Any], Any],
-    multipliers: Any,
-    rounds: int,
-    start: Vector,
+    expansion: Callable[[Vector, Multipliers, Scalar], Expansion],
+    start: tuple[Vector, Multipliers],
     start_load: Scalar,
-    guess: Vector,
+    guess: tuple[Vector, Multipliers],
     load: Scalar,
     largest_step: float,
 ) -> Minimum:
-    """Follow the minimum from (start, start_load) to `load`, then improve the multipliers `rounds` - 1 times.
+    """Follow the minimum from (start, start_load) to `load`.
 
-    Every point that is accepted has a positive definite Hessian and less energy than the one before. The basin of a
-    minimum that exists is never left so; where none exists the steps shrink on its rim, and the load step is cut.
+    With held multipliers every point that is accepted has a positive definite Hessian and less energy than the one
+    before: the basin of a minimum that exists is never left, and where none exists the steps shrink on its rim and the
+    load step is cut.
 
-    expansion: the energy with its derivatives. update: multipliers after a round. multipliers: those of the first
-    round. start: a minimum at start_load. guess: a guess of the minimum at `load`. largest_step: of the load.
+    expansion: of the augmented Lagrangian at (y, multipliers, load). start: y and multipliers of a minimum at
+    start_load. guess: of those at `load`. largest_step: of the load.
     """
     span = jnp.abs(load - start_load)
     safe = jnp.where(span > 0, load - start_load, 1.0)
-    zero = jnp.zeros_like(load)
-    largest = zero + largest_step
+    zero, no, none = jnp.zeros_like(load), jnp.asarray(False), jnp.asarray(0)
+    unknown, one = jnp.full_like(load, jnp.inf), jnp.ones_like(load)
 
-    def towards(kept: Vector, kept_load: Scalar, slope: Vector, step: Scalar, state: _State) -> _State:
+    def towards(kept, kept_load: Scalar, slope, step: Scalar, state: _State) -> _State:
         """Set out from an equilibrium to the next load."""
         step = jnp.clip(load - kept_load, -jnp.abs(step), jnp.abs(step))
+        last = jnp.abs(load - kept_load) <= jnp.abs(step)
+        multipliers = jnp.maximum(0.0, kept[1] + step * slope[1])
         return state._replace(
             kept=kept,
             kept_load=kept_load,
             slope=slope,
-            base=kept,
-            move=step * slope,
-            part=jnp.ones_like(load),
-            energy=jnp.full_like(load, jnp.inf),
+            base=kept[0],
+            move=step * slope[0],
+            part=one,
+            multipliers=multipliers,
+            energy=unknown,
             promise=zero,
-            load=kept_load + step,
-            trials=jnp.zeros_like(state.trials),
+            together=none,
+            wary=no,
+            load=jnp.where(last, load, kept_load + step),
+            trials=none,
         )
 
     def body(state: _State) -> _State:
-        state = state._replace(trials=state.trials + 1)
+        state = state._replace(trials=state.trials + 1, count=state.count + 1)
         trial = state.base + state.part * state.move
-        energy, gradient, hessian = expansion(trial, state.load, state.multipliers)
-        factor = jnp.linalg.cholesky(hessian)
-        newton = -cho_solve((factor, True), gradient)
-        definite = jnp.all(jnp.isfinite(newton)) & jnp.isfinite(energy)
-        noise = ROUNDING * (1 + jnp.abs(energy))
-        falls = energy <= state.energy + DECREASE * state.part * state.promise + noise
-        taken = definite & falls
-        size = jnp.max(jnp.abs(newton))
-        settled = taken & (size < SETTLED)
+        x = expansion(trial, state.multipliers, state.load)
+        steps = _newton(x, state.multipliers)
+        size = jnp.max(jnp.abs(steps.y))
+        definite = jnp.all(jnp.isfinite(steps.y)) & jnp.isfinite(x.value)
+        falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))
+        holding = state.together == 0
+        taken = definite & jnp.where(holding, falls, (size < NEAR) & (state.together < TRIES))
+        settled = taken & (size < SETTLED) & (steps.change < SETTLED)
 
-        onward = state._replace(
-            base=trial, move=newton, part=jnp.ones_like(load), energy=energy, promise=gradient @ newton
+        # Near: y and multipliers together, from where it is safe to return to.
+        both = state._replace(
+            base=trial,
+            move=steps.y,
+            part=one,
+            multipliers=steps.multipliers,
+            together=state.together + 1,
+            fallback=select(holding, (trial, x.pressed), state.fallback),
         )
+        again = state._replace(
+            base=state.fallback[0],
+            move=jnp.zeros_like(trial),
+            part=one,
+            multipliers=state.fallback[1],
+            energy=unknown,
+            promise=zero,
+            together=none,
+            wary=~no,
+        )
+        improved = again._replace(base=trial, multipliers=x.pressed, wary=state.wary)
+        onward = state._replace(base=trial, move=steps.held, part=one, energy=x.value, promise=x.gradient @ steps.held)
         shorter = state._replace(part=SHORTER * state.part)
+        settling = jnp.max(jnp.abs(steps.held)) < HELD
+        near = (size < NEAR) & (settling | ~state.wary)
+        held = select(taken, select(near, both, select(settling, improved, onward)), shorter)
+        moved = select(holding, held, select(taken, both, again))
+
         # No way ahead: back to the last equilibrium, and a smaller load step.
         step = NEARER * (state.load - state.kept_load)
-        back = towards(state.kept, state.kept_load, state.slope, step, state)._replace(ceiling=state.load)
-        passed = (jnp.abs(step) <= FINEST * jnp.abs(load)) & (state.round == 0)
-        back = back._replace(active=(state.round == 0) & ~passed, lost=passed)
-        stuck = (~taken & (state.part * SHORTER < SHORTEST)) | (state.trials >= PATIENCE)
+        small = jnp.abs(state.load - state.kept_load) <= TRUSTED
+        ceiling = jnp.where(small, state.load, state.ceiling)
+        back = towards(state.kept, state.kept_load, state.slope, step, state)._replace(ceiling=ceiling)
+        passed = jnp.abs(step) <= FINEST * jnp.abs(load)
+        back = back._replace(active=~passed, lost=passed)
+        stuck = (holding & ~taken & (state.part * SHORTER < SHORTEST)) | (state.trials >= PATIENCE)
 
-        # An equilibrium: the next load, the next round, or the end.
-        y = trial + newton
-        stored = state._replace(rounds=state.rounds.at[state.round].set(y))
+        # An equilibrium: the next load, or the end.
+        found = trial + steps.y, steps.multipliers
         there = state.load == load
         change = state.load - state.kept_load
-        slope = jnp.where(change == 0, state.slope, (y - state.kept) / jnp.where(change == 0, 1.0, change))
-        step = jnp.minimum(jnp.minimum(2 * jnp.abs(change), largest), NEARER * jnp.abs(state.ceiling - state.load))
-        ahead = towards(y, state.load, slope, step, stored)
-        last = there & (state.round == rounds - 1)
-        first = there & (state.round == 0)
-        again = stored._replace(
-            kept=jnp.where(first, y, state.kept),
-            kept_load=jnp.where(first, state.load, state.kept_load),
-            base=y,
-            move=jnp.zeros_like(y),
-            part=jnp.ones_like(load),
-            energy=jnp.full_like(load, jnp.inf),
-            promise=zero,
-            trials=jnp.zeros_like(state.trials),
-            round=state.round + 1,
-            multipliers=update(y, state.load, state.multipliers) if rounds > 1 else state.multipliers,
-            active=~last,
-            reached=last,
-        )
-        arrived = select(there, again, ahead)
-        new = select(settled, arrived, select(stuck, back, select(taken, onward, shorter)))
-        return new._replace(count=state.count + 1)
+        step = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
+        arrived = towards(found, state.load, steps.slope, jnp.minimum(step, largest_step), state)
+        arrived = arrived._replace(active=~there, reached=there)
+        return select(settled, arrived, select(stuck, back, moved))
 
     def busy(state: _State) -> Bool[Array, ""]:
         return state.active & (state.count < MAX_EVALUATIONS)
 
-    no, count = jnp.asarray(False), jnp.asarray(0)
     state = _State(
-        kept=start,
-        kept_load=start_load,
-        slope=start,
-        base=start,
-        move=start,
-        part=zero,
-        energy=zero,
-        promise=zero,
-        load=zero,
-        ceiling=zero + jnp.inf,
-        trials=count,
-        round=count,
-        rounds=jnp.zeros((rounds, *start.shape), start.dtype),
-        multipliers=multipliers,
-        active=jnp.asarray(True),
-        reached=no,
-        lost=no,
-        count=count,
-    )
-    slope = (guess - start) / safe
-    state = towards(start, start_load, slope, largest, state)
-    state = lax.while_loop(busy, body, state)
-    return Minimum(state.rounds, state.kept, state.kept_load, state.reached, state.lost, state.count)
+        start, start_load, start, start[0], start[0], zero, start[1], zero, zero, none, no, start, zero, unknown, none,
+        jnp.asarray(True), no, no, none,
+    )  # fmt: skip
+    slope = (guess[0] - start[0]) / safe, (guess[1] - start[1]) / safe
+    state = lax.while_loop(busy, body, towards(start, start_load, slope, zero + largest_step, state))
+    return Minimum(*state.kept, state.kept_load, state.slope, state.reached, state.lost, state.count)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import ClassVar
 
 import equinox as eqx
@@ -9,10 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..checked import choice, part
-from .energy import Grid, at_points, local
+from ..checked import choice, is_concrete, part
+from .basis import Grid, at_points
+from .energy_maps import contact_average, shape_observables
 from .energy_scene import EnergyScene
-from .obstacles import Obstacle
+from .obstacles import Obstacle, Shape, length
+from .sheet import local
 
 
 class EnergyFree(EnergyScene):
@@ -43,24 +46,30 @@ class EnergyFree(EnergyScene):
     def without_body(self):
         return self
 
-    def measured(self, y, pressure, pressed):
-        return self.shape_observables(y)
+    def measured(self, y, pressed, pressure):
+        return shape_observables(self, y)
 
 
 class ObstacleContact(EnergyScene):
     """The membrane pressed against any rigid object, without friction.
 
-    obstacle: its signed distance, in the frame of `obstacles`. symmetry: mirror symmetry that the object is known to
-    have, "across" (x -> -x), "along" (y -> -y) or "both"; it saves time, and derivatives by what would break the
-    symmetry are then lost. bending: with the bending stiffness of the wall and clamped slopes, for thick walls
-    (t_m / a above about 0.1). across, along: polynomials of each parity.
+    obstacle: its signed distance, in the frame of `obstacles`. symmetry: mirror symmetry of the object, "across"
+    (x -> -x), "along" (y -> -y), "both" or "none"; each halves the unknowns. "auto" looks for it where the object's
+    numbers are known, and takes "none" where they are traced, so that derivatives by what breaks a symmetry are right.
+    One that is named is checked: it says that nothing is varied that breaks it. bending: with the bending stiffness of
+    the wall and clamped slopes, for thick walls (t_m / a above about 0.1). across, lengthwise: polynomials of the
+    height, of each parity; there are as many contact points.
 
     force is the sum of the contact pressures over the contact (N); force_x, force_y, force_z and moment_x, ... are
-    their resultant on the object and its moment about the middle of the flat membrane's outer face.
+    their resultant on the object and its moment about the middle of the flat membrane's outer face. friction_moment
+    (N m): contact pressure times distance from the middle of the contact, integrated; times the coefficient of friction
+    it is the moment that resists turning about z, which the thesis (3.40) takes from an ellipse of uniform pressure.
+
+    An object that breaks the named symmetry is a ValueError, and IMPOSSIBLE where its numbers are traced.
     """
 
     obstacle: Obstacle = part(Obstacle)
-    symmetry: str = choice("none", "across", "along", "both", default="none")
+    symmetry: str = choice("auto", "none", "across", "along", "both", default="auto")
     bending: bool = eqx.field(static=True, default=False)
     across: int = eqx.field(static=True, default=4)
     lengthwise: int = eqx.field(static=True, default=6)
@@ -73,30 +82,73 @@ class ObstacleContact(EnergyScene):
         "moment_x": "moment",
         "moment_y": "moment",
         "moment_z": "moment",
+        "friction_moment": "moment",
         "contact_area": "area",
     } | EnergyFree.OBSERVABLES
 
+    def __check_init__(self) -> None:
+        broken = self.broken_symmetry() if self.symmetry in MIRRORS and self._is_known() else None
+        if broken is not None and bool(broken > SYMMETRIC):
+            name = type(self).__name__
+            raise ValueError(
+                f"{name}.symmetry is {self.symmetry!r}, but the object is not the same on both sides: its distance "
+                f"differs by {float(broken * self.shell.a):.3g} m; use 'auto' or 'none'."
+            )
+
+    def _is_known(self) -> bool:
+        """Whether everything about one object is known (of a user's own, parameters may be arrays)."""
+        leaves = jax.tree.leaves(self.shell if isinstance(self.obstacle, Shape) else (self.shell, self.obstacle))
+        return is_concrete(*jax.tree.leaves((self.shell, self.obstacle))) and all(jnp.ndim(x) == 0 for x in leaves)
+
+    def broken_symmetry(self, symmetry: str | None = None):
+        """By how much, in a, mirroring changes the distance of the object from places over the membrane."""
+        side = self.functional.touching.points
+        flat = np.concatenate([side, np.ones_like(side[:, :1])], axis=1)
+        sizes = jnp.stack([self.shell.a, self.shell.b, self.shell.a])[None]
+        change = jnp.zeros_like(self.shell.a)
+        for mirror in MIRRORS[symmetry or self.symmetry]:
+            for height in HEIGHTS:
+                places = flat * np.array([[1, 1, height]]) * sizes
+                distance = jax.vmap(self.obstacle.distance)
+                apart = distance(places * mirror[None]) - distance(places)
+                change = jnp.maximum(change, jnp.max(jnp.abs(apart)) / self.shell.a)
+        return change
+
+    def prepared(self):
+        if self.symmetry != "auto":
+            return self
+        if self._is_known():
+            for symmetry in ("both", "across", "along"):
+                if bool(self.broken_symmetry(symmetry) <= SYMMETRIC):
+                    return dataclasses.replace(self, symmetry=symmetry)
+        return dataclasses.replace(self, symmetry="none")
+
+    def is_possible(self):
+        symmetric = self.symmetry not in MIRRORS or self.broken_symmetry() <= SYMMETRIC
+        return super().is_possible() & symmetric
+
     @property
     def grid(self):
-        return Grid(self.across, self.lengthwise, self.symmetry, self.bending)
+        return Grid(self.across, self.lengthwise, self.symmetry.replace("auto", "none"), self.bending)
 
     @property
     def body(self):
         return self.obstacle
 
     def without_body(self):
-        return EnergyFree(self.shell, self.symmetry, self.bending, self.across, self.lengthwise)
+        return EnergyFree(self.shell, self.grid.symmetry, self.bending, self.across, self.lengthwise)
 
-    def measured(self, y, pressure, pressed):
+    def measured(self, y, pressed, pressure):
         shell, functional = self.shell, self.functional
         aspect, thickness = shell.a / shell.b, shell.t_m / shell.a
 
         def face(e, point):
             return shell.a * local(e, point, aspect).face(thickness)
 
-        places = jax.vmap(face)(functional.deformed(y), functional.tables.points)
+        table = functional.touching
+        places = jax.vmap(face)(functional.deformed(y, table.values), table.points)
         normals = -jax.vmap(jax.grad(self.body.distance))(places)
-        pushes = pressed * functional.area_weights(self) * self.unit() * shell.a**2
+        pushes = pressed * functional.contact_weights(self) * self.unit() * shell.a**2
         forces = pushes[:, None] * normals
         # The grid of a symmetric scene covers one side: what the other side takes away again is left out.
         across, along = self.symmetry in ("across", "both"), self.symmetry in ("along", "both")
@@ -105,7 +157,21 @@ class ObstacleContact(EnergyScene):
         total = jnp.sum(pushes)
         resultants = {f"force_{axis}": force[k] for k, axis in enumerate("xyz")}
         resultants |= {f"moment_{axis}": moment[k] for k, axis in enumerate("xyz")}
-        return {"force": total, **resultants, "contact_area": total / pressure} | self.shape_observables(y)
+        # What turns about the z axis through the middle of the contact: zero by symmetry, or where the forces balance.
+        share = pushes / jnp.where(total > 0, total, 1.0)
+        middle = (share @ places)[:2] * np.array([not across, not along])
+        arms = jax.vmap(length)(places[:, :2] - middle[None])
+        resultants["friction_moment"] = pushes @ arms
+        return {"force": total, **resultants, "contact_area": total / pressure} | shape_observables(self, y)
+
+
+SYMMETRIC = 1e-9
+"""Mirrored distances that differ by less than this, in a, are the same."""
+HEIGHTS = (0.0, 0.5, 1.0)
+"""In a: where an object is compared with its mirror image, over every contact point."""
+_ACROSS, _ALONG = np.array([-1, 1, 1]), np.array([1, -1, 1])
+MIRRORS = {"across": (_ACROSS,), "along": (_ALONG,), "both": (_ACROSS, _ALONG)}
+"""Symmetry -> what a place is multiplied by."""
 
 
 class EnergyFlat(ObstacleContact):
@@ -122,13 +188,13 @@ class EnergyFlat(ObstacleContact):
 
     def observe(self, unknowns, pressure):
         observed = super().observe(unknowns, pressure)
-        width, length = self._half_axes(self._rows(unknowns), pressure)
+        width, length = self._half_axes(*self.split(unknowns), pressure)
         return {
             name: (observed | {"contact_half_width": width, "contact_half_length": length})[name]
             for name in self.OBSERVABLES
         }
 
-    def _half_axes(self, rows, pressure):
+    def _half_axes(self, y, pressed, pressure):
         """Along each axis: integral of contact pressure over pressure, which is one where the membrane lies flat."""
         nodes, weights = np.polynomial.legendre.leggauss(LINE_POINTS)
         shell, halves = self.shell, []
@@ -137,9 +203,9 @@ class EnergyFlat(ObstacleContact):
             points = np.zeros((LINE_POINTS, 2))
             points[:, axis] = (nodes + 1) / 2
             values = at_points(self.grid, points)
-            pressed = self.pressed_at(points, rows, pressure)
-            at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(rows[-1], values), points, aspect)
-            true = pressed / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
+            at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(y, values), points, aspect)
+            pressing = contact_average(self.grid, points) @ pressed
+            true = pressing / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
             stretch = jnp.linalg.norm(at.along_y if axis else at.along_x, axis=1)
             side = shell.b if axis else shell.a
             halves.append(side * jnp.dot(weights / 2, true * stretch))

@@ -1,0 +1,134 @@
+"""The polynomials of the energy membrane, at quadrature points and at contact points: constants.
+
+u, v and w are sums of products of polynomials in (xi, eta) = (X / a, Y / b) that vanish on the clamped edges. The
+membrane moves far out of its plane and little within it, so u and v have fewer of them (IN_PLANE).
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import legendre
+
+SPARE_POINTS = 3
+"""Gauss points on a half side beyond one per polynomial: twice as many change forces by less than 1e-3."""
+IN_PLANE = (3 / 4, 2 / 3)
+"""Polynomials of u and v per polynomial of w, across and along: as many as w has change forces by less than 1 %."""
+
+
+class Grid(NamedTuple):
+    """What is chosen before anything is computed: the polynomials and the symmetry."""
+
+    across: int
+    """Polynomials of w of each parity across the width."""
+    along: int
+    """The same along the length."""
+    symmetry: str
+    """Mirror symmetry: 'across' (x -> -x), 'along' (y -> -y), 'both' or 'none'."""
+    bending: bool
+    """Whether w has no slope on the edges and second derivatives are needed."""
+
+
+Values = tuple[Float[np.ndarray, "r q nu"], Float[np.ndarray, "r q nv"], Float[np.ndarray, "r q nw"]]
+"""Of u, v, w: each derivative (ORDERS) of each polynomial at each point."""
+
+ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+"""Derivatives by (xi, eta) in the tables; the last three for bending only."""
+
+
+class Tables(NamedTuple):
+    """Polynomials at points."""
+
+    points: Float[np.ndarray, "q 2"]
+    """(xi, eta)."""
+    weights: Float[np.ndarray, " q"]
+    """Their sum is 4, the area of the square from -1 to 1."""
+    values: Values
+
+
+def polynomials(degrees: list[int], x: np.ndarray, clamped: bool) -> Float[np.ndarray, "k 3 n"]:
+    """Values and two derivatives of the polynomials of these degrees that vanish at -1 and 1.
+
+    P_k - P_{k-2} (their slopes are orthogonal), or clamped, without slope at the ends: (1 - x^2)^2 P_{k-2}.
+    """
+    rows = []
+    for k in degrees:
+        series = legendre.legmul([2 / 3, 0, -2 / 3], [2 / 3, 0, -2 / 3]) if clamped else np.eye(k + 1)[k]
+        series = legendre.legmul(series, np.eye(k - 1)[k - 2]) if clamped else series - np.eye(k + 1)[k - 2]
+        slope = legendre.legder(series)
+        square = legendre.legint(legendre.legmul(slope, slope))
+        size = np.sqrt(legendre.legval(1, square) - legendre.legval(-1, square))
+        rows.append([legendre.legval(x, legendre.legder(series, m)) / size for m in range(3)])
+    return np.array(rows)
+
+
+def _is_even(grid: Grid, axis: int) -> bool:
+    return grid.symmetry in ("both", ("across", "along")[axis])
+
+
+def _degrees(n: int, even: bool, symmetric: bool) -> list[int]:
+    """Of n polynomials of one parity, or of n of both."""
+    return [2 * k + (2 if even else 3) for k in range(n)] if symmetric else [k + 2 for k in range(2 * n)]
+
+
+def counts(grid: Grid) -> tuple[int, int]:
+    """Polynomials of u and v of each parity, across and along."""
+    return math.ceil(IN_PLANE[0] * grid.across), math.ceil(IN_PLANE[1] * grid.along)
+
+
+def at_points(grid: Grid, points: Any) -> Values:
+    """The tables' `values` at any points (xi, eta). u is odd across, v odd along, w even in both."""
+    xi, eta = np.asarray(points, dtype=float).T
+    few, many = counts(grid), (grid.across, grid.along)
+    found = []
+    for component, (number, even) in enumerate(((few, (False, True)), (few, (True, False)), (many, (True, True)))):
+        clamped = grid.bending and component == 2
+        x, y = (
+            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at, clamped)
+            for axis, at in enumerate((xi, eta))
+        )
+        orders = ORDERS if grid.bending else ORDERS[:3]
+        found.append(np.stack([(x[:, None, i] * y[None, :, j]).reshape(-1, len(xi)).T for i, j in orders]))
+    return found[0], found[1], found[2]
+
+
+def _product(grid: Grid, rules: tuple[tuple[np.ndarray, np.ndarray], ...]) -> Tables:
+    """Points and weights (of half a side, their sum is 2) on the side that is looked at, or mirrored to both."""
+    sides = []
+    for axis, (x, weights) in enumerate(rules):
+        both = np.concatenate([-x[::-1], x]), np.concatenate([weights[::-1], weights]) / 2
+        sides.append((x, weights) if _is_even(grid, axis) else both)
+    (x, wx), (y, wy) = sides
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return Tables(points, np.outer(wx, wy).ravel(), at_points(grid, points))
+
+
+@functools.cache
+def quadrature(grid: Grid) -> Tables:
+    """Gauss points of the whole sides, one half of them."""
+
+    def half(n: int) -> tuple[np.ndarray, np.ndarray]:
+        x, weights = legendre.leggauss(2 * (n + SPARE_POINTS))
+        return x[x > 0], 2 * weights[x > 0]
+
+    return _product(grid, (half(grid.across), half(grid.along)))
+
+
+def contact_axes(grid: Grid) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Points and weights on half a side, across and along, where contact is asked for."""
+
+    def half(n: int) -> tuple[np.ndarray, np.ndarray]:
+        x, weights = legendre.leggauss(n)
+        return (x + 1) / 2, weights
+
+    return half(grid.across), half(grid.along)
+
+
+@functools.cache
+def contact_tables(grid: Grid) -> Tables:
+    """As many points as w has polynomials: each can be met exactly, and no contact pressure is left undetermined."""
+    return _product(grid, contact_axes(grid))

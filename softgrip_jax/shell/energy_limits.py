@@ -1,0 +1,115 @@
+"""Limit points of the energy membrane, and its equilibria behind them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array
+
+from ..checked import admissible
+from ..numerics.control import hold, top
+from ..numerics.paths import fold_load
+from ..results import Solution, Status, gate
+from ..scene import Found, frozen
+from .energy_seek import FIRST_LOAD, LARGEST_LOAD
+from .flat_shell import Scalar
+
+if TYPE_CHECKING:
+    from .energy_scene import EnergyScene, Vector
+
+BRANCH = 2.0
+"""Where a drawn branch ends: twice as far from the flat membrane as the limit point."""
+REACH = 0.1
+"""Largest step towards a limit point, in unknowns of order one."""
+CLOSE = 1e-5
+"""A limit point next to the last equilibrium below it has at least its load, within this part of it."""
+
+
+def _linear(scene: EnergyScene):
+    def linear(unknowns: Vector, load: Scalar) -> tuple[Vector, Array, Vector]:
+        """Equations, their Jacobian and their change with the load p a / (mu t_m)."""
+        work = scene.functional
+        value, by_load = jax.jvp(lambda load: work.equations(unknowns, scene, load), (load,), (jnp.ones_like(load),))
+        return value, work.jacobian(unknowns, scene, load), by_load
+
+    return linear
+
+
+def find_limit(scene: EnergyScene) -> Found:
+    """The limit point; `iterations` is 1 there, 0 where the branch ends without one."""
+    return _limit(scene)
+
+
+# One lane after the other, as lanes are found: see energy_scene.
+@sequential_vmap
+def _limit(scene: EnergyScene) -> Found:
+    zero = jnp.zeros_like(scene.shell.a)
+    far = zero + LARGEST_LOAD
+    climb = scene.follow(scene.rest(), zero, scene.first_guess(far), far)
+    kept, scaled = jnp.concatenate([climb.y, climb.multipliers]), climb.load**3
+    # Next to the limit this is the direction in which stiffness is lost.
+    _, jacobian, by_load = _linear(scene)(kept, scaled)
+    yielding = jnp.linalg.solve(jacobian, -by_load)
+    peak = top(_linear(scene), kept, scaled, yielding / jnp.linalg.norm(yielding), REACH + zero)
+    above = peak.load >= scaled * (1 - CLOSE)
+    at_fold = climb.lost & peak.good & above
+    possible = admissible(scene) & scene.is_possible()
+    pressure = jnp.where(at_fold, peak.load, scaled) * scene.unit()
+    pressure = jnp.where(climb.reached, jnp.inf, pressure)
+    status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
+    return Found(jnp.where(at_fold, peak.y, kept), pressure, status, at_fold.astype(int))
+
+
+def limit_pressure_from(scene: EnergyScene, found: Found) -> Scalar:
+    """The limit pressure with its derivatives."""
+    at_fold = (found.status == Status.OK) & (found.iterations == 1)
+    gated = gate(at_fold, scene)
+    scaled = jnp.where(at_fold, found.pressure / frozen(scene).unit(), 1.0)
+
+    def equations(point, scene):
+        return scene.functional.equations(point[:-1], scene, point[-1])
+
+    fold = fold_load(equations, jnp.append(found.unknowns, scaled), gated) * gated.unit()
+    return jnp.where(found.status == Status.OK, jnp.where(at_fold, fold, found.pressure), jnp.nan)
+
+
+def branch(scene: EnergyScene, n: int) -> Solution:
+    """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance.
+
+    Behind the limit these are equilibria at a given displacement.
+    """
+    fixed = frozen(scene)
+    limit = fixed.find_limit()
+    zero = jnp.zeros_like(limit.pressure)
+    low = zero + FIRST_LOAD
+    begun = fixed.follow(fixed.rest(), zero, fixed.first_guess(low), low)
+    first = jnp.concatenate([begun.y, begun.multipliers])
+    length = (BRANCH * jnp.linalg.norm(limit.unknowns) - jnp.linalg.norm(first)) / (n - 1)
+
+    def next_point(state, first):
+        unknowns, load, along, rise, alive = state
+        size = jnp.linalg.norm(along)
+        direction = along / size
+        step = jnp.where(first, 0.0, length)
+        guess = unknowns + step * direction
+        held = hold(_linear(fixed), guess, load + step * rise / size, direction, direction @ guess)
+        alive = alive & held.good
+        kept = jax.tree.map(lambda a, b: jnp.where(alive, a, b), held[:4], state[:4])
+        return (*kept, alive), (kept[0], kept[1], alive)
+
+    start = first, begun.load**3, first, zero, begun.reached & (limit.status == Status.OK)
+    _, (points, loads, alive) = lax.scan(next_point, start, jnp.arange(n) == 0)
+
+    def report(unknowns, load, alive):
+        status = jnp.where(alive, Status.OK, Status.NOT_CONVERGED)
+        if fixed.body is not None:
+            touched = jnp.any(fixed.split(unknowns)[1] > 0)
+            status = jnp.where(alive & ~touched, Status.NO_CONTACT, status)
+        found = fixed.settled(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
+        return fixed._report(unknowns, load * fixed.unit(), found)
+
+    return jax.vmap(report, out_axes=Solution(None, 0, 0, 0, 0, 0, 0))(points, loads, alive)  # type: ignore[arg-type]

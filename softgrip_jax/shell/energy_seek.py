@@ -1,0 +1,123 @@
+"""Inverse problems of the energy membrane: where its path meets something that is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..checked import admissible
+from ..numerics.roots import implicit
+from ..results import Solution, Status, gate
+from ..scene import Found, frozen
+from .flat_shell import Scalar
+
+if TYPE_CHECKING:
+    from .energy_scene import EnergyScene, Vector
+
+LARGEST_LOAD = 4.0
+"""Cube root of the largest p a / (mu t_m) that is looked at, 64: three times beyond any measured shell."""
+FIRST_LOAD, GROWTH = 0.3, 1.5
+"""The first cube root that is tried, and its growth until the wanted state is passed."""
+SEEK_STEPS, MEETS = 60, 2e-13
+"""The most trials, and the relative error that ends them."""
+CLOSE = 1e-5
+"""Where equilibrium ends is known this well, relative to the load, before the search gives up."""
+
+
+def onset(scene: EnergyScene) -> Scalar:
+    """The pressure (Pa) at which the free membrane meets the object at a contact point."""
+    free = scene.without_body()
+    fixed = frozen(scene)
+
+    def nearest(scene, free_unknowns):
+        return -jnp.min(scene.functional.gaps(free_unknowns, scene))
+
+    found, _, _ = seek(frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
+    ok = found.status == Status.OK
+    scene, free = gate(ok, (scene, free))
+
+    def equation(scaled, args):
+        scene, free, unknowns = args
+        return nearest(scene, free.rooted(unknowns, scaled * scene.unit()))
+
+    scaled = implicit(equation, found.pressure / fixed.unit(), (scene, free, found.unknowns))
+    return jnp.where(ok, scaled * scene.unit(), jnp.nan)
+
+
+def seek(scene: EnergyScene, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
+    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois).
+
+    Returns the point, what is left of the surplus there, and whether the branch ended before it (the point is then the
+    last one).
+    """
+    unit = scene.unit()
+    zero = jnp.zeros_like(unit)
+    unknown = zero + jnp.nan
+
+    def step(state):
+        start, start_load, slope, low, low_value, high, high_value, load, side, _, count = state
+        found, *after = scene.find_from(start, start_load, slope, load**3 * unit)
+        solved = (found.status == Status.OK) | (found.status == Status.NO_CONTACT)
+        value = jnp.where(solved, surplus(found.unknowns, found.pressure), jnp.nan)
+        below = value < 0
+        new_side = jnp.where(below, -1, 1)
+        stays = new_side == side
+        # The end that stays counts half (Illinois); an end without equilibrium has no value.
+        high_value = jnp.where(below & stays, 0.5 * high_value, jnp.where(below, high_value, value))
+        low_value = jnp.where(~below & stays, 0.5 * low_value, jnp.where(below, value, low_value))
+        low, high = jnp.where(below, load, low), jnp.where(below, high, load)
+        share = low_value / (low_value - high_value)
+        inside = low + (high - low) * jnp.where(jnp.isfinite(share), share, 0.5)
+        next_load = jnp.where(jnp.isfinite(high), inside, GROWTH * load)
+        kept = jax.tree.map(lambda a, b: jnp.where(below, a, b), tuple(after), (start, start_load, slope))
+        return *kept, low, low_value, high, high_value, next_load, new_side, (found, value), count + 1
+
+    def busy(state):
+        low, high, load, (_, value), count = state[3], state[5], state[7], state[9], state[10]
+        open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (load < LARGEST_LOAD)
+        near_end = jnp.isnan(value) & jnp.isfinite(high) & (high - low < CLOSE * high)
+        return ~(jnp.abs(value) <= MEETS) & open_ & ~near_end & (count < SEEK_STEPS)
+
+    def begun(last):
+        return (
+            scene.rest(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
+            zero + FIRST_LOAD, jnp.asarray(0), last, jnp.asarray(0),
+        )  # fmt: skip
+
+    nothing = Found(scene.rest(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
+    shapes = jax.eval_shape(lambda last: step(begun(last))[9], nothing)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
+    found, value = last[9]
+    return found, value, jnp.isnan(value) | (last[7] >= LARGEST_LOAD)
+
+
+def solve_for(scene: EnergyScene, name: str, target: Scalar) -> Solution:
+    """The solution at the pressure that gives an observable its wanted value."""
+    fixed, value = frozen((scene, target))
+
+    def surplus(scene, target, unknowns, pressure):
+        size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
+        return (scene.observe(unknowns, pressure)[name] - target) / size
+
+    found, left, ended = seek(fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
+    status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
+    possible = admissible(fixed) & fixed.is_possible() & jnp.isfinite(value)
+    status = jnp.where(possible, status, Status.IMPOSSIBLE)
+    found = fixed.settled(found._replace(status=status, mismatch=jnp.where(status == Status.OK, left, 0.0)))
+    ok = found.status == Status.OK
+    scene, target = gate(ok, (scene, target))
+
+    def equation(scaled, args):
+        scene, target, unknowns = args
+        pressure = scaled * scene.unit()
+        return surplus(scene, target, scene.rooted(unknowns, pressure), pressure)
+
+    scaled = implicit(equation, found.pressure / fixed.unit(), (scene, target, found.unknowns))
+    pressure = jnp.where(ok, scaled * scene.unit(), jnp.nan)
+    safe = jnp.where(ok, pressure, fixed.unit())
+    return scene._report(scene.rooted(found.unknowns, safe), pressure, found)
