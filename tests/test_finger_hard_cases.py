@@ -7,6 +7,7 @@ import pytest
 import reference_beam as ref
 from fingers import TYPE_A, contact, free, pneunet, solved, stacked
 from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.units import gram, kPa, mm
@@ -95,6 +96,22 @@ def test_soft_and_heavy_finger_hangs_past_vertical():
         np.testing.assert_allclose(found["tip_angle"][i], clamp - end[0], rtol=1e-7)
     assert found["tip_angle"][0] > np.pi / 3
     assert found["tip_angle"][1] > np.pi / 2
+
+
+def test_nothing_is_followed_past_eulers_load():
+    """Clamped at one end, held and free to turn at the other: a column buckles at 20.19 EI/L^2 (tan x = x)."""
+    f = TYPE_A | {"H": 2.0}  # slender: its shortening counts for little
+    root = brentq(lambda x: np.tan(x) - x, 4.4, 4.6)
+    euler = root**2 * f["mu"] * f["B"] * f["H"] ** 3 / 3 / f["L"] ** 2
+    shares, offsets = np.array([0.9, 0.97, 1.03, 1.5, 3.0]), (0.0, 0.01)
+    scenes = [contact(f, "exact", offset, -share * euler) for offset in offsets for share in shares]
+    found = solved(scenes, [0.0] * len(scenes))
+    ok, turned = (found["status"] == OK).reshape(2, -1), np.abs(found["tip_angle"]).reshape(2, -1)
+    np.testing.assert_array_equal(ok[0], shares < 1)
+    # One that was held a little off its axis may have buckled instead; it is not straight any more.
+    assert np.all(ok[1, :3])
+    assert np.all(turned[:, 0] < 0.01)
+    assert np.all(turned[1, 2:][ok[1, 2:]] > 0.3)
 
 
 @pytest.mark.parametrize("mu", [0.016, 0.012])

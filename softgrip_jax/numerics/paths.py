@@ -73,6 +73,9 @@ class Point(NamedTuple):
     u: Vector
     tangent: Vector
     goal: Scalar
+    side: Scalar
+    """Sign of det [Jacobian; tangent]: it is one and the same along a path, through limit points too, and another on
+    the far side of a bifurcation or on the next branch. 0 where it is not known yet."""
 
 
 class Newton(NamedTuple):
@@ -154,15 +157,17 @@ def _arrived(
 ) -> tuple[Point, Bool[Array, ""]]:
     """Where a Newton iteration ended, and whether that can be trusted to be the path's next point.
 
-    It is if it converged, the tangent has not turned too far since `before`, and the correction was small (a goal may
-    be far from its guess along the path). At the first point the tangent was only guessed: it may turn as it likes,
-    but must point to growing load.
+    It is if it converged, the tangent has not turned too far since `before`, no branch point was passed, and the
+    correction was small (a goal may be far from its guess along the path). At the first point the tangent was only
+    guessed: it may turn as it likes, but must point to growing load.
     """
     tangent = _tangent(jacobian, before.tangent)
+    side = jnp.sign(jnp.linalg.det(jnp.concatenate([jacobian, tangent[None]])))
+    same_side = (before.side == 0) | (side == before.side)
     steady = jnp.dot(tangent, before.tangent) > TURN
     near = jnp.linalg.norm(newton.u - guess) <= DETOUR * jnp.linalg.norm(guess - before.u) + SETTLED
     trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | to_goal))
-    return Point(newton.u, tangent, newton.goal), _converged(newton, accuracy) & trusted
+    return Point(newton.u, tangent, newton.goal, side), _converged(newton, accuracy) & trusted & same_side
 
 
 class Search(NamedTuple):
@@ -238,7 +243,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
 def _begin(u: Vector) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
-    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero)
+    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero)
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + FIRST_STEP
     return Search(
@@ -457,7 +462,7 @@ def trace(
         newton, jacobian = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
         return _arrived(newton, jacobian, point, guess, False, FINE)
 
-    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero), u)
+    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero), u)
 
     def next_point(state, _):
         point, length, alive = state
