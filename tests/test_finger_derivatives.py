@@ -57,9 +57,9 @@ HELD = ("tip_force", "tip", "tip_angle", "end_moment")
 BENT = ("tip", "tip_angle", "end_moment", "inclination")
 CASES = {
     "contact": (contact, observed(*HELD), 28 * kPa),
-    "free-none": (lambda: free(weight=(0, 0), inclination="none"), observed(*BENT[:-1]), 28 * kPa),
 }
 LONG = {
+    "free-none": (lambda: free(weight=(0, 0), inclination="none"), observed(*BENT[:-1]), 28 * kPa),
     "contact-thesis": (lambda: contact(section="thesis"), observed(*HELD), 28 * kPa),
     "limit": (contact, limit, 1.0),
     "grasp": (grasp, required_pressure, 1.0),
