@@ -7,6 +7,7 @@ the checks of the annotations are put in place after this file is read.
 from pathlib import Path
 
 import jax
+import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -15,3 +16,10 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Compiling is most of the time of a run; what has not changed is taken from here.
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def programs_are_let_go():
+    """A program takes some twenty memory mappings, of which Linux gives a process 65,530: then compiling crashes."""
+    yield
+    jax.clear_caches()
