@@ -209,7 +209,7 @@ def add_peers(add: Callable[..., None], tables: Tables) -> None:
         if good and mine:
             ratio = min(r["seconds"] for r in good) / min(r["seconds"] for r in mine)
             add(f"finger, tip held, force to 1e-6: faster than {words}", f"{wanted:,} times" if wanted else "",
-                f"{whole(ratio)} times", wanted is None or ratio >= wanted)  # fmt: skip
+                f"{ratio:,.{0 if ratio >= 10 else 2}f} times", wanted is None or ratio >= wanted)  # fmt: skip
 
 
 def _start(tables: Tables, told: dict[str, Any]) -> list[str]:
