@@ -126,6 +126,7 @@ def test_more_polynomials_have_less_energy():
     assert energies[1] - energies[2] < 0.3 * (energies[0] - energies[1])
 
 
+@pytest.mark.slow
 def test_forces_on_a_ball_point_to_its_middle():
     ball = Sphere(radius=20 * mm, gap=4 * mm, offset_x=3 * mm, offset_y=-5 * mm)
     solution = sg.solve(small(ball), 12 * kPa)
@@ -282,6 +283,7 @@ def test_inverse_and_limit_have_derivatives():
     np.testing.assert_allclose(slope, asked(1.0), rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_every_lane_is_labelled():
     scene = small(Plane(5 * mm))
     free = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), **SMALL)
