@@ -293,22 +293,9 @@ def told(arguments, capsys) -> str:
     return err
 
 
-@pytest.mark.parametrize("name", EDITS)
-def test_config(name, tmp_path, capsys):
-    old, new, says = EDITS[name]
-    assert old in GOOD
-    path = tmp_path / "bad.toml"
-    path.write_text(GOOD.replace(old, new, 1), encoding="utf-8")
-    sentence = told(["solve", path], capsys)
-    assert sentence.startswith(f"{path}")
-    assert says in sentence
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("name", FINGER_EDITS)
-def test_finger_config(name, tmp_path, capsys):
-    config, old, new, says = FINGER_EDITS[name]
-    good = (ROOT / "configs" / f"{config}.toml").read_text(encoding="utf-8")
+def check_edit(good, edit, tmp_path, capsys):
+    """One sentence about a config in which (old text, new text, what is said) was changed, and nothing written."""
+    old, new, says = edit
     assert old in good
     path = tmp_path / "bad.toml"
     path.write_text(good.replace(old, new, 1), encoding="utf-8")
@@ -316,6 +303,17 @@ def test_finger_config(name, tmp_path, capsys):
     assert sentence.startswith(f"{path}")
     assert says in sentence
     assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("name", EDITS)
+def test_config(name, tmp_path, capsys):
+    check_edit(GOOD, EDITS[name], tmp_path, capsys)
+
+
+@pytest.mark.parametrize("name", FINGER_EDITS)
+def test_finger_config(name, tmp_path, capsys):
+    config, *edit = FINGER_EDITS[name]
+    check_edit((ROOT / "configs" / f"{config}.toml").read_text(encoding="utf-8"), edit, tmp_path, capsys)
 
 
 @pytest.mark.parametrize(
