@@ -1,6 +1,7 @@
 """The benchmark runs, and the pages say what its tables say."""
 
 import csv
+import json
 import os
 import shutil
 import subprocess
@@ -9,6 +10,9 @@ import sys
 import numpy as np
 import pytest
 from conftest import ROOT
+
+from benchmarks.speed import measure
+from benchmarks.speed.__main__ import run_part
 
 FOLDER = ROOT / "docs" / "benchmarks"
 
@@ -72,3 +76,15 @@ def test_the_shells_of_the_benchmark_are_the_thesis_s():
         # Twice the stiffness at twice the pressure is the same shape: mu and t_m act as one number.
         assert slopes[2] == pytest.approx(slopes[3], rel=1e-9)
         assert np.all(np.isfinite(slopes))
+
+
+def test_a_part_that_is_stopped_keeps_its_rows_and_says_so(tmp_path, monkeypatch):
+    def stopped(quick):
+        yield measure.row("shell free", "softgrip_jax", "")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("benchmarks.speed.shell_part.measure", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_part("shells", tmp_path, False, None)
+    assert json.loads((tmp_path / "shells.json").read_text())["sample"] == "stopped"
+    assert len((tmp_path / "shells.csv").read_text().splitlines()) == 2

@@ -100,15 +100,20 @@ def run_part(part: str, folder: Path, quick: bool, core: int | None) -> None:
 
     began = time.perf_counter()
     module, rows = import_module(f".{part.removesuffix('s')}_part", __package__), []
-    for one in module.measure(quick):  # a run that is stopped keeps what it has
-        rows.append(one)
-        measure.write(folder / f"{part}.csv", rows, getattr(module, "FIELDS", measure.FIELDS))
-    told = measure.machine() | {
-        "seconds": round(time.perf_counter() - began),
-        "peak_memory_MB": round(measure.peak_memory() / 1e6),
-        "quick": quick,
-    }
-    (folder / f"{part}.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+    stopped = True
+    try:
+        for one in module.measure(quick):
+            rows.append(one)
+            measure.write(folder / f"{part}.csv", rows, getattr(module, "FIELDS", measure.FIELDS))
+        stopped = False
+    finally:  # a run that is stopped keeps what it has, and says so
+        told = measure.machine() | {
+            "seconds": round(time.perf_counter() - began),
+            "peak_memory_MB": round(measure.peak_memory() / 1e6),
+            "sample": "stopped" if stopped else "small" if quick else "whole",
+        }
+        if rows:
+            (folder / f"{part}.json").write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

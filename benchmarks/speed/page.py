@@ -76,9 +76,9 @@ def whole(value: float) -> str:
 def _machine(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = []
     for part, one in told.items():
-        body.append([part, "small" if one["quick"] else "whole", one["date"], one["machine"], one["device"], one["jax"],
+        body.append([part, one["sample"], one["date"], one["machine"], one["device"], one["jax"],
                      one["commit"], str(one["load"]), f"{one['seconds']:g} s",
-                     f"{one['peak_memory_MB']:,.0f} MB"])  # fmt: skip
+                     f"{one['peak_memory_MB']:,.0f} MB" if one["peak_memory_MB"] else ""])  # fmt: skip
     head = ["part", "sample", "date", "machine", "device", "jax", "commit", "load", "took", "peak memory"]
     return grid(head, body)
 
