@@ -95,7 +95,10 @@ def pressure_of(f, moment):
     highest = 0.9 * wall_limit(f)
     if end_moment(f, highest) < moment:
         return highest
-    return brentq(lambda p: end_moment(f, p) - moment, 1e-3, highest, xtol=1e-16, rtol=1e-14)
+    lowest = 1e-3
+    while end_moment(f, lowest) > moment:  # until the walls hardly touch
+        lowest /= 2
+    return brentq(lambda p: end_moment(f, p) - moment, lowest, highest, xtol=1e-16, rtol=1e-14)
 
 
 def integrate(f, law, parts, start, loads, how):

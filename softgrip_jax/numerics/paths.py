@@ -29,10 +29,12 @@ Fine = Bool[Array, ""] | bool
 Equations = Callable[[Vector, Fine, Any], tuple[Vector, Scalar]]
 """(u of size n + 1, fine, args) -> n equations, and the goal: a number that rises through zero where a search ends."""
 
-FIRST_STEP = 1.0
+FIRST_STEP = 0.3
 LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-7
-"""Arc lengths in scaled units: a typical load to start with; below 1e-7 a path counts as ended."""
+LONGER, SHORTER = 2.0, 0.3
+"""Arc lengths in scaled units: less than a typical load to start with, for what bends a beam may begin with the square
+of a load (the contact of chambers); below 1e-7 a path counts as ended. A step that fails is tried again, SHORTER."""
 MAX_STEPS = 400
 NEWTON_STEPS = 8
 """A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
@@ -56,13 +58,19 @@ class Accuracy(NamedTuple):
 
     move: Scalar | float
     """Newton's method ends where its next move would be below this."""
+    glance: Scalar | float
+    """Part of a step: one correction is enough where it is below this."""
+    slack: Scalar | float
+    """What a correction may be in any case: no more than the point before may be off."""
     flat: Scalar | float
     """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
 
-FINE = Accuracy(1e-16, 1e-8)
-ROUGH = Accuracy(1e-3, 1e-2)
+FINE = Accuracy(1e-16, 0.0, SETTLED, 1e-8)
+ROUGH = Accuracy(1e-3, 0.2, 0.02, 1e-2)
 """To keep to a branch, not to know it."""
+LARGEST_GLANCE = 2.0
+"""Steps longer than this are glanced at as if they had this length."""
 
 STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
@@ -73,6 +81,8 @@ class Point(NamedTuple):
     u: Vector
     tangent: Vector
     goal: Scalar
+    rise: Scalar
+    """Of the goal, per arc length."""
     side: Scalar
     """Sign of det [Jacobian; tangent]: it is one and the same along a path, through limit points too, and another on
     the far side of a bifurcation or on the next branch. 0 where it is not known yet."""
@@ -106,9 +116,9 @@ def _newton_step(
     guess: Vector,
     to_goal: Bool[Array, ""] | bool,
     newton: Newton,
-) -> tuple[Newton, Float[Array, "k n"]]:
+) -> tuple[Newton, Float[Array, "n n"]]:
     """One Newton step towards the path in the plane through `guess` across the tangent or, with `to_goal`, towards the
-    path where goal = 0; and the Jacobian of the equations before it."""
+    path where goal = 0; and the Jacobian of the equations and the goal before it."""
     u = newton.u
     value, jacobian = value_and_jacobian(lambda u: jnp.append(*equations(u)), u)
     last = jnp.where(to_goal, value[-1], jnp.dot(tangent, u - guess))
@@ -117,7 +127,7 @@ def _newton_step(
     size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
     size = jnp.where(jnp.isfinite(size), size, jnp.inf)
     goal = value[-1] - jnp.dot(jacobian[-1], move)
-    return Newton(u - move, goal, newton.last, size, newton.count + 1), jacobian[:-1]
+    return Newton(u - move, goal, newton.last, size, newton.count + 1), jacobian
 
 
 def _next_move(newton: Newton) -> Scalar:
@@ -148,26 +158,27 @@ def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[
 
 def _arrived(
     newton: Newton,
-    jacobian: Float[Array, "k n"],
+    jacobian: Float[Array, "n n"],
     before: Point,
     guess: Vector,
-    to_goal: Bool[Array, ""] | bool,
+    within: Bool[Array, ""],
     accuracy: Accuracy,
     first: Bool[Array, ""] | bool = False,
 ) -> tuple[Point, Bool[Array, ""]]:
     """Where a Newton iteration ended, and whether that can be trusted to be the path's next point.
 
     It is if it converged, the tangent has not turned too far since `before`, no branch point was passed, and the
-    correction was small (a goal may be far from its guess along the path). At the first point the tangent was only
+    correction was small (`within` a known piece of the path it may be large). At the first point the tangent was only
     guessed: it may turn as it likes, but must point to growing load.
     """
-    tangent = _tangent(jacobian, before.tangent)
-    side = jnp.sign(jnp.linalg.det(jnp.concatenate([jacobian, tangent[None]])))
+    tangent = _tangent(jacobian[:-1], before.tangent)
+    side = jnp.sign(jnp.linalg.det(jacobian.at[-1].set(tangent)))
+    rise = jnp.dot(jacobian[-1], tangent)
     same_side = (before.side == 0) | (side == before.side)
     steady = jnp.dot(tangent, before.tangent) > TURN
-    near = jnp.linalg.norm(newton.u - guess) <= DETOUR * jnp.linalg.norm(guess - before.u) + SETTLED
-    trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | to_goal))
-    return Point(newton.u, tangent, newton.goal, side), _converged(newton, accuracy) & trusted & same_side
+    near = jnp.linalg.norm(newton.u - guess) <= DETOUR * jnp.linalg.norm(guess - before.u) + accuracy.slack
+    trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | within))
+    return Point(newton.u, tangent, newton.goal, rise, side), _converged(newton, accuracy) & trusted & same_side
 
 
 class Search(NamedTuple):
@@ -243,7 +254,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
 def _begin(u: Vector) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
-    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero)
+    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero)
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + FIRST_STEP
     return Search(
@@ -258,7 +269,7 @@ def _aimed(search: Search) -> Search:
     """With a guess of the next trial: a quadratic as the path bent before, or through `before`, its tangent, `far`."""
     before, far, length, high = search.before, search.far, search.length, search.high
     through_far = (far.u - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
-    bend = jnp.where(search.mode == STEPPING, 0.5 * search.bend, through_far)
+    bend = jnp.where((search.mode == STEPPING) | _directly(search), 0.5 * search.bend, through_far)
     guess = before.u + jnp.where(search.count == 0, 0.0, length) * (before.tangent + length * bend)
     return search._replace(guess=guess, newton=_newton_from(guess))
 
@@ -273,8 +284,12 @@ def _walk(equations: Equations, start: Search, fresh: Search, fine: Fine, args: 
         newton, jacobian = _newton_step(
             lambda u: equations(u, fine, args), search.before.tangent, search.guess, to_goal, search.newton
         )
+        allowed = accuracy.glance * jnp.minimum(search.length, LARGEST_GLANCE)
+        small = jnp.linalg.norm(newton.u - search.guess) <= allowed
+        newton = newton._replace(last=jnp.where((search.mode == STEPPING) & small, 0.0, newton.last))
         first = (search.count == 0) & ~to_goal
-        new, good = _arrived(newton, jacobian, search.before, search.guess, to_goal, accuracy, first)
+        within = to_goal & ~_directly(search)
+        new, good = _arrived(newton, jacobian, search.before, search.guess, within, accuracy, first)
         u, lent = search.before.u, search.lent & (search.count == 0)
         same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
         good &= same | ~lent
@@ -285,7 +300,7 @@ def _walk(equations: Equations, start: Search, fresh: Search, fine: Fine, args: 
         chosen = _aimed(chosen._replace(count=search.count + 1))
         astray = (lent & ~good) | (search.lent & (chosen.mode == ENDED))
         chosen = select(astray, fresh, chosen)
-        limit = jnp.where(to_goal, GOAL_STEPS, NEWTON_STEPS)
+        limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
         following = select(_goes_on(newton, limit, accuracy), search._replace(newton=newton), chosen)
         return following._replace(iterations=search.iterations + 1)
 
@@ -305,9 +320,20 @@ def _to_goal(search: Search) -> Search:
 
 def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     first = search.count == 0
-    shorter, longer = 0.3 * search.length, jnp.minimum(2 * search.length, LARGEST_STEP)
+    shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
-    ahead = search._replace(before=new, bend=bend, length=jnp.where(first, search.length, longer))
+    length = jnp.where(first, search.length, longer)
+    # Where the goal seems to be within the next step, that step is to end there.
+    rest = -new.goal / jnp.where(new.rise > 0, new.rise, 1.0)
+    near = (new.rise > 0) & (rest < length) & ~first
+    ahead = search._replace(
+        before=new,
+        bend=bend,
+        length=jnp.where(near, rest, length),
+        stride=length,
+        high=jnp.zeros_like(search.high),
+        mode=jnp.where(near, TO_GOAL, STEPPING),
+    )
     interval = search._replace(
         far=new,
         low=jnp.zeros_like(search.low),
@@ -326,14 +352,22 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     return select(good, result, again)
 
 
+def _directly(search: Search) -> Bool[Array, ""]:
+    """Whether the goal is sought from `before` alone, with nothing known beyond it."""
+    return (search.mode == TO_GOAL) & (search.high == 0) & (search.count > 0)
+
+
 def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     reached = search._replace(found=new, mode=jnp.asarray(REACHED))
-    return select(good, reached, _step_again(search))
+    directly = _directly(search)
+    # A goal that was not where it seemed to be: the step that would have been made without it.
+    on = search._replace(length=search.stride, mode=jnp.asarray(STEPPING))
+    return select(good & (~directly | (new.tangent[-1] > 0)), reached, select(directly, on, _step_again(search)))
 
 
 def _step_again(search: Search) -> Search:
     """Back to `before` and shorter steps: what looked like the path's next point was on another branch."""
-    shorter = 0.3 * search.stride
+    shorter = SHORTER * search.stride
     return search._replace(
         length=shorter,
         rose=jnp.zeros_like(search.rose),
@@ -458,11 +492,11 @@ def trace(
         def step(state):
             return _newton_step(lambda u: (residual(u), zero), point.tangent, guess, False, state[0])
 
-        start = (_newton_from(guess), jnp.zeros((u.shape[0] - 1, u.shape[0]), u.dtype))
+        start = (_newton_from(guess), jnp.zeros((u.shape[0], u.shape[0]), u.dtype))
         newton, jacobian = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
-        return _arrived(newton, jacobian, point, guess, False, FINE)
+        return _arrived(newton, jacobian, point, guess, jnp.asarray(False), FINE)
 
-    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero), u)
+    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero), u)
 
     def next_point(state, _):
         point, length, alive = state
@@ -471,7 +505,7 @@ def trace(
             point, length, rest = state
             new, good = correct(point, point.u + jnp.minimum(length, rest) * point.tangent)
             rest = jnp.where(good, rest - jnp.minimum(length, rest), rest)
-            return select(good, new, point), jnp.where(good, 2 * length, 0.3 * length), rest
+            return select(good, new, point), jnp.where(good, LONGER * length, SHORTER * length), rest
 
         def busy(state):
             return alive & (state[2] > 0) & (state[1] > SMALLEST_STEP)
