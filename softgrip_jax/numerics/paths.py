@@ -49,6 +49,8 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
+BACK = 0.5
+"""Arc length before a limit point of the rough path where the path itself is entered: it should rise there still."""
 ROUGH_ERROR = 0.05
 """How far (over 1 + |u|) a point of the rough path may be from the point of the path that it stands for."""
 
@@ -58,8 +60,8 @@ class Accuracy(NamedTuple):
 
     move: Scalar | float
     """Newton's method ends where its next move would be below this."""
-    glance: Scalar | float
-    """Part of a step: one correction is enough where it is below this."""
+    left: Scalar | float
+    """Or where a first correction leaves about this: itself times the turn of the tangent (its sine)."""
     slack: Scalar | float
     """What a correction may be in any case: no more than the point before may be off."""
     flat: Scalar | float
@@ -67,10 +69,8 @@ class Accuracy(NamedTuple):
 
 
 FINE = Accuracy(1e-16, 0.0, SETTLED, 1e-8)
-ROUGH = Accuracy(1e-3, 0.2, 0.02, 1e-2)
+ROUGH = Accuracy(1e-3, 0.05, 0.05, 1e-2)
 """To keep to a branch, not to know it."""
-LARGEST_GLANCE = 2.0
-"""Steps longer than this are glanced at as if they had this length."""
 
 STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
@@ -161,24 +161,28 @@ def _arrived(
     jacobian: Float[Array, "n n"],
     before: Point,
     guess: Vector,
-    within: Bool[Array, ""],
-    accuracy: Accuracy,
+    within: Bool[Array, ""] | bool,
+    slack: Scalar | float,
     first: Bool[Array, ""] | bool = False,
-) -> tuple[Point, Bool[Array, ""]]:
-    """Where a Newton iteration ended, and whether that can be trusted to be the path's next point.
+) -> tuple[Point, Bool[Array, ""], Scalar]:
+    """Where a Newton iteration is, whether that can be trusted to be the path's next point once it has converged, and
+    about how far from there it was left by its first correction.
 
-    It is if it converged, the tangent has not turned too far since `before`, no branch point was passed, and the
-    correction was small (`within` a known piece of the path it may be large). At the first point the tangent was only
-    guessed: it may turn as it likes, but must point to growing load.
+    It can if the tangent has not turned too far since `before`, no branch point was passed, and the correction was
+    small (`within` a known piece of the path it may be large). At the first point the tangent was only guessed: it may
+    turn as it likes, but must point to growing load.
     """
     tangent = _tangent(jacobian[:-1], before.tangent)
     side = jnp.sign(jnp.linalg.det(jacobian.at[-1].set(tangent)))
     rise = jnp.dot(jacobian[-1], tangent)
     same_side = (before.side == 0) | (side == before.side)
-    steady = jnp.dot(tangent, before.tangent) > TURN
-    near = jnp.linalg.norm(newton.u - guess) <= DETOUR * jnp.linalg.norm(guess - before.u) + accuracy.slack
-    trusted = jnp.where(first, jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0), steady & (near | within))
-    return Point(newton.u, tangent, newton.goal, rise, side), _converged(newton, accuracy) & trusted & same_side
+    straight = jnp.dot(tangent, before.tangent)
+    correction = jnp.linalg.norm(newton.u - guess)
+    near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + slack
+    ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
+    trusted = jnp.where(first, ahead, (straight > TURN) & (near | within))
+    left = correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0))
+    return Point(newton.u, tangent, newton.goal, rise, side), trusted & same_side, left
 
 
 class Search(NamedTuple):
@@ -239,9 +243,11 @@ def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = Fa
 
     def walk(last, fine):
         way, iterations = last
-        # At the goal one correction remains; a limit point is looked for again from the last point before it.
+        # At the goal one correction remains; a limit point is looked for again from a little before it.
         arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
-        near_fold = start._replace(before=start.before._replace(u=way.before.u), length=0.5 * way.stride)
+        fold = way.found
+        back = fold._replace(u=fold.u - BACK * fold.tangent, side=start.before.side)
+        near_fold = start._replace(before=back, length=2 * BACK * jnp.ones_like(start.length))
         near_end = _aimed(select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True)))
         begin = select((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
         found = _walk(traced, begin, start, fine, args)
@@ -284,12 +290,12 @@ def _walk(equations: Equations, start: Search, fresh: Search, fine: Fine, args: 
         newton, jacobian = _newton_step(
             lambda u: equations(u, fine, args), search.before.tangent, search.guess, to_goal, search.newton
         )
-        allowed = accuracy.glance * jnp.minimum(search.length, LARGEST_GLANCE)
-        small = jnp.linalg.norm(newton.u - search.guess) <= allowed
-        newton = newton._replace(last=jnp.where((search.mode == STEPPING) & small, 0.0, newton.last))
         first = (search.count == 0) & ~to_goal
         within = to_goal & ~_directly(search)
-        new, good = _arrived(newton, jacobian, search.before, search.guess, within, accuracy, first)
+        new, trusted, left = _arrived(newton, jacobian, search.before, search.guess, within, accuracy.slack, first)
+        enough = (search.mode == STEPPING) & (left <= accuracy.left)
+        newton = newton._replace(last=jnp.where(enough, 0.0, newton.last))
+        good = trusted & _converged(newton, accuracy)
         u, lent = search.before.u, search.lent & (search.count == 0)
         same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
         good &= same | ~lent
@@ -494,7 +500,8 @@ def trace(
 
         start = (_newton_from(guess), jnp.zeros((u.shape[0], u.shape[0]), u.dtype))
         newton, jacobian = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
-        return _arrived(newton, jacobian, point, guess, jnp.asarray(False), FINE)
+        new, trusted, _ = _arrived(newton, jacobian, point, guess, False, FINE.slack)
+        return new, trusted & _converged(newton, FINE)
 
     start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero), u)
 
