@@ -134,7 +134,7 @@ def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, wh
 def _quantities(scene: Any) -> dict[str, tuple[str, str, int | None]]:
     """What can be measured of a scene: name in the config -> (observable, kind, component)."""
     found: dict[str, tuple[str, str, int | None]] = {}
-    for name, kind in type(scene).OBSERVABLES.items():
+    for name, kind in scene.prepared().OBSERVABLES.items():
         if kind == "position":
             found |= {f"{name}.x": (name, "length", 0), f"{name}.y": (name, "length", 1)}
         else:

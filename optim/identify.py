@@ -204,7 +204,7 @@ def _rows(fit: Fit, name: str, part: str, model: Any, x: np.ndarray) -> np.ndarr
     if isinstance(model, Tension):
         quantity, kind, component = "stress", "pressure", None
     else:
-        quantity, kind = next(iter(type(model).OBSERVABLES.items()))
+        quantity, kind = next(iter(model.prepared().OBSERVABLES.items()))
         component = 1 if kind == "position" else None
     kind = "length" if kind == "position" else kind
     curve = Curve("further", "further", quantity, kind, x, np.ones_like(x), component)

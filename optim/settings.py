@@ -111,7 +111,7 @@ def read(config: configs.Config) -> Settings:
 def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:
     """The section [solve] that asks for a state, as `config.dump` takes it."""
     if isinstance(at, tuple):
-        kind = scene.OBSERVABLES[at[0]]
+        kind = scene.prepared().OBSERVABLES[at[0]]
         return {"solve": {unit_key(at[0], kind): at[1] / DISPLAY[kind][1]}}
     return {} if at is None or isinstance(at, str) else {"solve": {"pressure_kPa": at / DISPLAY["pressure"][1]}}
 

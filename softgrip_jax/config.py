@@ -163,7 +163,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 def question(config: Config) -> dict[str, float]:
     """What [solve] asks, in SI: {"pressure": p}, {observable: value}, or {} for a scene that knows its own target."""
     table, where = config.tables.get("solve", {}), f"{config.path}, [solve]"
-    observables = type(config.scene).OBSERVABLES
+    observables = config.scene.prepared().OBSERVABLES
     keys = {unit_key("pressure", "pressure"): ("pressure", "pressure")}
     keys |= {unit_key(name, kind): (name, kind) for name, kind in observables.items() if kind != "position"}
     for key in table:

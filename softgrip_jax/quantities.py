@@ -147,7 +147,7 @@ def solution_at(scene: Scene, at: State) -> Solution:
 def observables_of(scene: Scene) -> dict[str, str]:
     """What can be asked of a state, with its kind; points by their components."""
     kinds: dict[str, str] = {}
-    for name, kind in type(scene).OBSERVABLES.items():
+    for name, kind in scene.prepared().OBSERVABLES.items():
         kinds |= {f"{name}.x": "length", f"{name}.y": "length"} if kind == "position" else {name: kind}
     return kinds | {"pressure": "pressure", LIMIT_MARGIN: "number"}
 

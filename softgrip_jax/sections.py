@@ -120,7 +120,7 @@ def state_of(scene: Scene, key: str, at: Any, where: str) -> State:
         except ValueError as error:
             raise ConfigError(f"{where}: {key} at 'required': {error}") from None
         return REQUIRED
-    kinds = {name: kind for name, kind in type(scene).OBSERVABLES.items() if kind != "position"}
+    kinds = {name: kind for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"}
     keys = {unit_key(name, kind): (name, kind) for name, kind in (kinds | {"pressure": "pressure"}).items()}
     if not isinstance(at, dict) or len(at) != 1 or next(iter(at)) not in keys:
         raise ConfigError(

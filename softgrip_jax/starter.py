@@ -113,7 +113,7 @@ def starter(name: str) -> str:
         lines += ["", "[solve]"]
         mark = ""
     lines.append(_line(f"{mark}pressure_kPa = {PRESSURE / kPa:g}", "what is the state at this pressure?"))
-    others = [unit_key(name, kind) for name, kind in type(scene).OBSERVABLES.items() if kind != "position"]
+    others = [unit_key(name, kind) for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"]
     lines += _wrapped("Instead of pressure_kPa, the value that the pressure shall reach: " + ", ".join(others) + ".")
     return "\n".join(lines + _searches(scene, mark == "# ")) + "\n"
 
@@ -124,7 +124,7 @@ def _searches(scene: Scene, has_task: bool) -> list[str]:
     value = float(np.ravel(number.get(scene))[0]) / number.unit
     name = ".".join([*number.names[:-1], unit_key(number.names[-1], number.kind)])
     at = '"required"' if has_task else f"{{ pressure_kPa = {PRESSURE / kPa:g} }}"
-    first = next(unit_key(name, kind) for name, kind in type(scene).OBSERVABLES.items() if kind != "position")
+    first = next(unit_key(name, kind) for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position")
     goal = 'minimise = "pressure_kPa"' if has_task else f'maximise = "{first}"'
     words = "Better designs: take the lines from [design] on out of their comments, add what else may move, and say"
     spread = [f"low = {_decimals(LESS * value)}", f"high = {_decimals(MORE * value)}"]

@@ -17,7 +17,10 @@ INVERSE = ("flat-yeoh", "cylinder", "grasp-eccentric")
 """Cases whose pressure_for and limit_pressure are differentiated too: one of each shape of the curve (compile time)."""
 
 
-@pytest.mark.parametrize("case", CASES, ids=str)
+ALL = [pytest.param(case, marks=pytest.mark.slow) if case.slow else case for case in CASES]
+
+
+@pytest.mark.parametrize("case", ALL, ids=str)
 def test_forward_reverse_and_differences_agree(case: Case):
     check(*relative(case, inverse=False))
 

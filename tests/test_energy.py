@@ -305,6 +305,41 @@ def test_every_lane_is_labelled():
     assert [Status(int(s)).name for s in status] == ["OK", "OK", "BEYOND_LIMIT", "BEYOND_LIMIT"]
 
 
+def unlike_lanes():
+    """(lane, sizes, loads): unlike designs on both sides of their limits, behind which is a branch to leap to."""
+    rng, count = np.random.default_rng(3), 8
+    sizes, loads = 1 + 0.2 * rng.uniform(-1, 1, (count, 2)), np.tile([0.7, 0.9, 1.1, 1.3], count // 4)
+    locking = dataclasses.replace(shell(), material=sg.Gent(mu=175 * kPa, j_m=100.0))
+    free = dataclasses.replace(sg.shell.Free(locking, model="energy").prepared(), **SMALL)
+    # The arcs, whose curve has no second branch in the way; the limit goes nearly with t_m / a.
+    limit = float(sg.limit_pressure(sg.shell.Free(locking)))
+
+    def lane(size, load):
+        sides = free.shell.a * size[0], free.shell.t_m * size[1]
+        changed = eqx.tree_at(lambda s: (s.shell.a, s.shell.t_m), free, sides)
+        return sg.solve(changed, load * limit * size[1] / size[0])
+
+    return lane, sizes, loads
+
+
+def test_a_lane_of_a_batch_is_what_it_is_alone():
+    lane, sizes, loads = unlike_lanes()
+    alone, together = jax.jit(lane), jax.jit(jax.vmap(lane))(sizes, loads)
+    one_by_one = [alone(*lane) for lane in zip(sizes, loads, strict=True)]
+    np.testing.assert_array_equal(together.status, np.where(loads < 1, Status.OK, Status.BEYOND_LIMIT))
+    np.testing.assert_array_equal(together.status, [one.status for one in one_by_one])
+    np.testing.assert_allclose(together.inflation, [one.inflation for one in one_by_one], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_batch_of_batches_is_one_batch():
+    lane, sizes, loads = unlike_lanes()
+    together = jax.jit(jax.vmap(lane))(sizes, loads)
+    twice = jax.jit(jax.vmap(jax.vmap(lane)))(sizes.reshape(2, 4, 2), loads.reshape(2, 4))
+    np.testing.assert_array_equal(twice.status.ravel(), together.status)
+    np.testing.assert_allclose(twice.inflation.ravel(), together.inflation, rtol=1e-12)
+
+
 def test_the_energy_of_a_sheet_is_that_of_its_stretches():
     for name in ("neo", "gent", "ogden"):
         material = shell(name).material
@@ -326,5 +361,5 @@ def test_a_wrinkled_sheet_pulls_one_way():
 
 
 def test_a_scene_without_the_model_says_so():
-    with pytest.raises(ValueError, match=r"Grasp\.model is 'energy'; there is only 'arc'"):
-        sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, model="energy")
+    with pytest.raises(ValueError, match=r"Plate\.model is 'energy'; there is only 'arc'"):
+        sg.shell.Plate(shell(), model="energy")

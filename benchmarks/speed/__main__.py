@@ -17,9 +17,9 @@ from pathlib import Path
 from . import measure
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PARTS = ("fingers", "fidelity", "peers", "scenes", "shells", "models", "hard", "start", "elastica")
+PARTS = ("fingers", "fidelity", "peers", "scenes", "shells", "models", "energy", "hard", "start", "elastica")
 """Longest first."""
-HOST_ONLY = ("start", "fidelity", "elastica", "models", "hard")
+HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "hard")
 """What says nothing about a GPU."""
 
 

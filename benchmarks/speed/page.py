@@ -135,6 +135,7 @@ def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
         (("peers", "fingers"), add_peers),
         (("start",), add_start),
         (("fidelity",), add_fidelity),
+        (("energy",), add_energy),
     ):
         if all(part in tables for part in needs):
             judge(add, tables)
@@ -191,6 +192,27 @@ def add_fidelity(add: Callable[..., None], tables: Tables) -> None:
     add("... the dearest rung where a cheaper one suffices", "never", f"{dear:g} times", dear == 0)
 
 
+def add_energy(add: Callable[..., None], tables: Tables) -> None:
+    """The energy membrane with 48 unknowns."""
+    for row in tables["energy"]:
+        if row["unknowns"] == ENERGY_UNKNOWNS:
+            for words, name, most in (
+                ("from the one before", "warm_s", 1e-3),
+                ("from the flat membrane", "cold_s", 1e-2),
+            ):
+                took = row[name]
+                add(f"energy membrane, 48 unknowns: a solve {words}", f"at most {time_text(most)}", time_text(took),
+                    took <= most)  # fmt: skip
+            for words, name in (("pressures", "pressures_s"), ("unlike designs", "designs_s")):
+                speed = 1 / row[name]
+                add(f"energy membrane, 48 unknowns: solves per second, batch of {words}", "2,000", whole(speed),
+                    speed >= 2000)  # fmt: skip
+
+
+ENERGY_UNKNOWNS = 48
+"""Of the default basis on a symmetric object."""
+
+
 def add_peers(add: Callable[..., None], tables: Tables) -> None:
     """How many times faster than the peers, at an error of 1e-6 of the tip force."""
     rows = tables["peers"]
@@ -245,6 +267,28 @@ def _models(tables: Tables, told: dict[str, Any]) -> list[str]:
     return grid(["quantity", "unit", "finite elements", "thesis", "better", "which is"], body)
 
 
+def _energy(tables: Tables, told: dict[str, Any]) -> list[str]:
+    rows = tables["energy"]
+    errors = [name for name in rows[0] if name.startswith("error_")]
+    body = [
+        [row["model"], f"{row['unknowns']:g}" if row["unknowns"] else ""]
+        + [time_text(row[name]) for name in ("cold_s", "warm_s", "pressures_s", "designs_s", "compile_s")]
+        + [f"{row[name]:+.1f} %" if row[name] else "0" for name in errors]
+        for row in rows
+    ]
+    head = [
+        "model",
+        "unknowns",
+        "alone",
+        "from the one before",
+        "in a batch of pressures",
+        "of unlike designs",
+        "compile",
+    ]
+    at = [f"force at {name.split('_')[1]} kPa" for name in errors]
+    return grid([*head, *at], body)
+
+
 def _hard(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = [
         [row["case"], row["hard"], row["thesis_solver"], row["ours"], small(row["error"]), f"{row['iterations']:g}"]
@@ -265,6 +309,7 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "fidelity": (_fidelity, ("fidelity",)),
     "models": (_models, ("models",)),
     "hard": (_hard, ("hard",)),
+    "energy": (_energy, ("energy",)),
     "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
     "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),
 }

@@ -149,7 +149,39 @@ def _models(tables: dict[str, Rows]) -> Figure:
     return figure
 
 
+def _energy(tables: dict[str, Rows]) -> Figure:
+    """Model error over the time of a solve: the mean over the pressures, as a mark, and its range, as a line."""
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    ax = figure.subplots()
+    rows = tables["energy"]
+    for k, (name, words) in enumerate((("cold_s", "a solve alone"), ("designs_s", "in a batch of unlike designs"))):
+        label = words
+        for row in rows:
+            if not _known(row, name):
+                continue
+            off = np.abs([row[column] for column in row if column.startswith("error_")])
+            exact = row["model"] == "finite elements"
+            low, middle, high = (MESH_ERROR,) * 3 if exact else (off.min(), off.mean(), off.max())
+            ax.plot([row[name]] * 2, [low, high], color=_colour(k), lw=0.9, alpha=0.6)
+            ax.plot(row[name], middle, MARKS[k], color=_colour(k), ms=5, ls="", label=label)
+            label = None
+            if name == "cold_s":
+                words = row["model"].replace("energy, ", "").replace(" polynomials", "")
+                ax.annotate(
+                    words, (row[name], high), textcoords="offset points", xytext=(0, 6), ha="center", fontsize=7.5
+                )
+    ax.set(xscale="log", yscale="log", xlim=(3e-7, 1e3), ylim=(0.3, 40), xlabel="seconds per solve, one core",
+           ylabel="force off finite elements, 5 to 20 kPa: mean, range (%)")  # fmt: skip
+    ax.grid(True, lw=0.3, color="0.85")
+    ax.legend(fontsize=8)
+    return figure
+
+
+MESH_ERROR = 0.5
+"""Percent: what is known of the elements' own error."""
+
 PICTURES = (
+    ("energy", _energy, ("energy",)),
     ("work_precision_shells", _shells, ("shells",)),
     ("work_precision_fingers", _fingers, ("fingers",)),
     ("throughput", _throughput, ("shells", "fingers")),

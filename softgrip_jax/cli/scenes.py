@@ -246,7 +246,7 @@ def observable_of(scene: Any, key: str | None) -> str:
     """The observable that a key with its unit names; the first of the scene that is a number where none is given."""
     from ..units import unit_key
 
-    names = {unit_key(name, kind): name for name, kind in type(scene).OBSERVABLES.items() if kind != "position"}
+    names = {unit_key(name, kind): name for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"}
     if key is None:
         return next(iter(names.values()))
     if key not in names:

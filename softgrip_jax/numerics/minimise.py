@@ -64,6 +64,12 @@ SETTLED = 1e-7
 """After a move this small the next one, which is taken without a look, reaches the last bit: moves e, then C e^2."""
 TRUSTED = 0.2
 """Of the load: where a larger step fails the guess may be to blame, and the load is tried again."""
+LEAP = 1.5
+"""A minimum that is larger by this (in any component, y being of order one) than the last one, or than the first guess,
+may be on another branch, behind the largest load: the load step is cut. So it is where the way there leads twice as
+far. Contact may take y anywhere else; a branch behind the largest load is larger."""
+TRUSTED_LEAP = 0.02
+"""As TRUSTED, where a step has led so far: nothing says that there is no minimum nearby."""
 FINEST = 3e-7
 """Load steps below this part of the load count as none: the load has passed its largest value."""
 PATIENCE = 40
@@ -168,7 +174,7 @@ def minimise(
 
     With held multipliers every point that is accepted has a positive definite Hessian and less energy than the one
     before: the basin of a minimum that exists is never left, and where none exists the steps shrink on its rim and the
-    load step is cut.
+    load step is cut, as it is where one is found that is much larger (LEAP).
 
     expansion: of the augmented Lagrangian at (y, multipliers, load). start: y and multipliers of a minimum at
     start_load. guess: of those at `load`. largest_step: of the load.
@@ -210,6 +216,9 @@ def minimise(
         holding = state.together == 0
         taken = definite & jnp.where(holding, falls, (size < NEAR) & (state.together < TRIES))
         settled = taken & (size < SETTLED) & (steps.change < SETTLED)
+        first = state.kept_load == 0
+        known = jnp.max(jnp.abs(state.kept[0] + jnp.where(first, state.load, 0.0) * state.slope[0]))
+        leapt = taken & (jnp.max(jnp.abs(trial)) > known + LEAP * jnp.where(settled, 1.0, 2.0))
 
         # Near: y and multipliers together, from where it is safe to return to.
         both = state._replace(
@@ -240,7 +249,7 @@ def minimise(
 
         # No way ahead: back to the last equilibrium, and a smaller load step.
         step = NEARER * (state.load - state.kept_load)
-        small = jnp.abs(state.load - state.kept_load) <= TRUSTED
+        small = jnp.abs(state.load - state.kept_load) <= jnp.where(leapt, TRUSTED_LEAP, TRUSTED)
         ceiling = jnp.where(small, state.load, state.ceiling)
         back = towards(state.kept, state.kept_load, state.slope, step, state)._replace(ceiling=ceiling)
         passed = jnp.abs(step) <= FINEST * jnp.abs(load)
@@ -254,7 +263,7 @@ def minimise(
         step = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
         arrived = towards(found, state.load, steps.slope, jnp.minimum(step, largest_step), state)
         arrived = arrived._replace(active=~there, reached=there)
-        return select(settled, arrived, select(stuck, back, moved))
+        return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
 
     def busy(state: _State) -> Bool[Array, ""]:
         return state.active & (state.count < MAX_EVALUATIONS)

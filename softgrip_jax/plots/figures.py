@@ -128,11 +128,12 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
 
     Behind the limit, where equilibrium exists at a given volume but not at a given pressure, the curve is dashed.
     """
-    name = observable or next(iter(scene.OBSERVABLES))
-    if name not in scene.OBSERVABLES:
-        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(scene.OBSERVABLES)}.")
+    known = scene.prepared().OBSERVABLES
+    name = observable or next(iter(known))
+    if name not in known:
+        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
     curve, limit = branch(scene), float(limit_pressure(scene))
-    unit_label, unit = DISPLAY[scene.OBSERVABLES[name]]
+    unit_label, unit = DISPLAY[known[name]]
     good = np.asarray(curve.status) == Status.OK
     x, y = np.asarray(curve.observables[name])[good] / unit, np.asarray(curve.pressure)[good] / kPa
     top = int(np.argmax(y)) if np.isfinite(limit) else len(y) - 1

@@ -74,7 +74,7 @@ def compute(
     for k, row in enumerate(tilts, start=len(grasps)):
         c_a, c_b, pressure = arc.contact_half_width[k], arc.contact_half_length[k], pressures[k]
         moments = (tilt_moment(c_a, c_b, pressure, lever) for lever in ("exact", "rim"))
-        seen = arc.contact_area[k], energy.contact_area[k], *moments, energy.friction_moment[k]
+        seen = arc.contact_area[k], energy.force[k] / pressure, *moments, energy.friction_moment[k]
         tilted.append(Tilted(row, *(float(x) for x in seen)))
     return held, tilted
 

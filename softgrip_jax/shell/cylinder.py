@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from ..checked import positive
 from ..membrane import angle_of_stretch, arc_chain, flat_contact_angle
 from ..scene import Scene
+from .energy_contacts import EnergyCylinder
 from .flat_shell import Scalar, ShellScene
-from .obstacle_contact import ObstacleContact
 from .obstacles import Cylinder
 
 ALMOST_ONE = 1 - 1e-9
@@ -59,7 +59,7 @@ class CylinderContact(ShellScene):
     }
 
     def energy_scene(self) -> Scene:
-        return ObstacleContact(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
+        return EnergyCylinder(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
 
     def geometry(self):
         a, r, gap = self.shell.a, self.radius, self.gap
@@ -158,7 +158,7 @@ class AxialOffset(CylinderContact):
 
     def energy_scene(self) -> Scene:
         rod = Cylinder(self.radius, self.gap, offset_y=self.shell.b - self.height)
-        return ObstacleContact(self.shell, rod, symmetry="across")
+        return EnergyCylinder(self.shell, rod, symmetry="across")
 
     def flat_lengths(self, state):
         b = self.shell.b

@@ -12,10 +12,10 @@ from jaxtyping import Array, Float
 
 from ..checked import admissible, part
 from ..numerics.minimise import Expansion, Minimum, minimise
-from ..numerics.roots import implicit, select
+from ..numerics.roots import implicit
 from ..results import Status, gate
 from ..scene import Found, Scene, frozen
-from . import energy_limits, energy_maps, energy_seek
+from . import energy_lanes, energy_limits, energy_maps, energy_seek
 from .basis import Grid
 from .energy import Functional, functional, rho
 from .flat_shell import FlatShell, Scalar
@@ -25,8 +25,6 @@ Vector = Float[Array, " n"]
 
 LARGEST_STEP = 1.3
 """Of the cube root of p a / (mu t_m), in proportion to which the membrane rises: about two thirds of the half width."""
-BESIDE = 0.3
-"""In a batch: a minimum that is this close to the lane before (coefficients, of order one) is on the same branch."""
 
 
 class EnergyScene(Scene):
@@ -183,31 +181,7 @@ def _find(scene: EnergyScene, load: Scalar) -> Minimum:
 
 @_find.def_vmap
 def _find_lanes(axis_size, is_batched, *lanes):
-    """One lane after the other, each from the one before where they are close, else from the flat membrane."""
-
-    def spread(leaf, is_batched):
-        return leaf if is_batched else jnp.broadcast_to(leaf, (axis_size, *jnp.shape(leaf)))
-
-    def next_lane(known: Minimum, lane):
-        scene, load = lane
-
-        def begin():
-            return _find(scene, load)
-
-        def tried():
-            step = load - known.load
-            guess = jnp.concatenate([known.y + step * known.slope[0], known.multipliers + step * known.slope[1]])
-            met = scene.follow(guess, load, guess, load)
-            beside = met.reached & (jnp.max(jnp.abs(met.y - known.y)) < BESIDE)
-            return lax.cond(beside, lambda: met, begin)
-
-        met = lax.cond(known.reached, tried, begin)
-        return select(met.reached, met, known), met
-
-    lanes = jax.tree.map(spread, lanes, tuple(is_batched))
-    first = jax.tree.map(lambda leaf: leaf[0], lanes)
-    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(_find, *first))
-    _, met = lax.scan(next_lane, nothing, lanes)
+    met = energy_lanes.one_after_other(_find, axis_size, tuple(is_batched), lanes)
     return met, jax.tree.map(lambda _: True, met)
 
 

@@ -11,9 +11,9 @@ from ..checked import positive, right_angle
 from ..membrane import arc_chain, flat_contact_stretch, inclined_wall, length_stretch
 from ..numerics.roots import bracketed_root, implicit
 from ..scene import Scene, frozen
+from .energy_contacts import EnergyFlat, EnergyInclined
 from .flat_shell import Scalar, ShellScene
 from .free import two_sections
-from .obstacle_contact import EnergyFlat, ObstacleContact
 from .obstacles import Plane
 
 
@@ -106,7 +106,7 @@ class InclinedContact(ShellScene):
 
     def energy_scene(self) -> Scene:
         height = (self.distance + self.shell.a * jnp.sin(self.angle)) / jnp.cos(self.angle)
-        return ObstacleContact(self.shell, Plane(height, tilt_y=self.angle), symmetry="along")
+        return EnergyInclined(self.shell, Plane(height, tilt_y=self.angle), symmetry="along")
 
     def geometry(self):
         def width(theta, scene):

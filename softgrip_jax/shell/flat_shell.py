@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
@@ -35,9 +36,10 @@ class FlatShell(Checked):
     material: Material = part(Material)
 
     def __check_init__(self) -> None:
-        if is_concrete(self.a, self.b) and jnp.any(self.b < self.a):
+        # In NumPy: under jit JAX would trace even known numbers.
+        if is_concrete(self.a, self.b) and np.any(np.asarray(self.b) < np.asarray(self.a)):
             raise ValueError(
-                f"FlatShell.b is {float(jnp.min(self.b)):.6g}; it must be at least a ({float(jnp.max(self.a)):.6g} m): "
+                f"FlatShell.b is {float(np.min(self.b)):.6g}; it must be at least a ({float(np.max(self.a)):.6g} m): "
                 "a is half of the smaller side."
             )
 

@@ -10,15 +10,22 @@ import numpy as np
 
 from ..checked import choice, is_concrete, nonnegative
 from ..objects import friction, friction_coefficient, friction_force, required_normal_force
+from ..scene import Scene
 from ..units import GRAVITY
 from .cylinder import CylinderContact
-from .flat_shell import FlatShell, Scalar, ShellScene
+from .energy_contacts import EnergyCylinder
+from .flat_shell import FlatShell, Scalar
+from .obstacles import Cylinder
 
 QUADRATURE_POINTS = 32
 """Gauss points on a quarter of the contact ellipse: exact to 1e-12 for axis ratios from 0.1 to 10."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(QUADRATURE_POINTS)
 _PHI, _DPHI = (_NODES + 1) * np.pi / 4, _WEIGHTS * np.pi / 4
+
+
+HOLDING = {"required_force": "force", "tilt_resistance": "moment", "security": "number"}
+"""What is observed of any grasp."""
 
 
 def tilt_moment(c_a: Scalar, c_b: Scalar, shear: Scalar, lever: str = "exact") -> Scalar:
@@ -49,6 +56,8 @@ class Grasp(CylinderContact):
 
     required_force is F_ext of (6.2), mu_f F_ext = m g / fingers. tilt_resistance is T_R of (3.36), to be compared
     with m g x_e (3.41). security is the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e): 1 is just held.
+
+    With model="energy" the cylinder is in the middle of the membrane: see `EnergyGrasp`.
     """
 
     mass: Scalar = nonnegative("mass", default=0.0)
@@ -57,52 +66,86 @@ class Grasp(CylinderContact):
     lever: str = choice("exact", "rim", default="exact")
     fingers: int = eqx.field(static=True, default=2)
 
-    OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {
-        "height": "length",
-        "required_force": "force",
-        "tilt_resistance": "moment",
-        "security": "number",
-    }
-
-    energy_scene = ShellScene.energy_scene
+    OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"height": "length"} | HOLDING
 
     def __check_init__(self) -> None:
         if not isinstance(self.fingers, int) or self.fingers < 1:
             raise ValueError(f"Grasp.fingers is {self.fingers!r}; it must be a whole number, 1 or more.")
+        if self.model == "energy" and self.lever != "exact":
+            raise ValueError(f"Grasp.lever is {self.lever!r}; with model 'energy' there is only 'exact'.")
 
-    def share(self) -> Scalar:
-        """The weight that one finger holds, N."""
-        return self.mass * GRAVITY / self.fingers
+    def energy_scene(self) -> Scene:
+        rod = Cylinder(self.radius, self.gap)
+        return EnergyGrasp(
+            self.shell,
+            rod,
+            symmetry="both",
+            mass=self.mass,
+            friction=self.friction,
+            eccentricity=self.eccentricity,
+            fingers=self.fingers,
+        )
 
     def flat_lengths(self, state):
         return 2 * state.flat, jnp.zeros_like(state.flat)
 
     def target(self):
-        if is_concrete(self.mass) and not np.all(np.asarray(self.mass) > 0):
-            raise ValueError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
-        return "security", jnp.ones_like(self.mass)
+        return _target(self.mass)
 
     def observe(self, angle, pressure):
         observed = super().observe(angle, pressure)
         c_a, c_b = observed["contact_half_width"], observed["contact_half_length"]
-        force = observed["force"]
-        shear = friction_coefficient(self.friction, force) * pressure
+        shear = friction_coefficient(self.friction, observed["force"]) * pressure
         resistance = tilt_moment(c_a, c_b, shear, self.lever)
-        lift = _ratio(friction_force(self.friction, force), self.share())
-        tilt = _ratio(resistance, self.mass * GRAVITY * self.eccentricity)
-        return observed | {
-            "height": self.shell.b - observed["flat_length"],
-            "required_force": self.required_force(),
-            "tilt_resistance": resistance,
-            "security": jnp.minimum(lift, tilt),
-        }
+        height = {"height": self.shell.b - observed["flat_length"]}
+        return observed | height | holding(self, observed["force"], resistance)
 
-    def required_force(self) -> Scalar:
-        """F_ext (N): the least normal force whose friction carries one finger's share of the weight, thesis (6.2).
 
-        inf where no force does (friction that does not grow with the force).
-        """
-        return required_normal_force(self.friction, self.share())
+class EnergyGrasp(EnergyCylinder):
+    """What `Grasp(..., model="energy")` is solved as: the cylinder in the middle of the membrane.
+
+    By energy the force depends on the height of the cylinder (a little; see `AxialOffset`), and no straight lengths are
+    there to be used up: `height` and `flat_length` are the arcs' alone. tilt_resistance is friction times the contact
+    pressure times the distance from the middle of the contact, integrated over the computed contact.
+    """
+
+    mass: Scalar = nonnegative("mass", default=0.0)
+    friction: Scalar = friction(default=1.0)
+    eccentricity: Scalar = nonnegative("length", default=0.0)
+    fingers: int = eqx.field(static=True, default=2)
+
+    OBSERVABLES: ClassVar = EnergyCylinder.OBSERVABLES | HOLDING
+
+    def target(self):
+        return _target(self.mass)
+
+    def measured(self, y, pressed, pressure):
+        observed = super().measured(y, pressed, pressure)
+        force = observed["force"]
+        resistance = friction_coefficient(self.friction, force) * observed["friction_moment"]
+        return observed | holding(self, force, resistance)
+
+
+def holding(grasp: Grasp | EnergyGrasp, force: Scalar, resistance: Scalar) -> dict[str, Scalar]:
+    """HOLDING, from the normal force and the moment that resists tilting.
+
+    required_force is F_ext (N): the least normal force whose friction carries one finger's share of the weight, thesis
+    (6.2); inf where no force does (friction that does not grow with the force).
+    """
+    share = grasp.mass * GRAVITY / grasp.fingers
+    lift = _ratio(friction_force(grasp.friction, force), share)
+    tilt = _ratio(resistance, grasp.mass * GRAVITY * grasp.eccentricity)
+    return {
+        "required_force": required_normal_force(grasp.friction, share),
+        "tilt_resistance": resistance,
+        "security": jnp.minimum(lift, tilt),
+    }
+
+
+def _target(mass: Scalar) -> tuple[str, Scalar]:
+    if is_concrete(mass) and not np.all(np.asarray(mass) > 0):
+        raise ValueError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
+    return "security", jnp.ones_like(mass)
 
 
 def _ratio(value: Scalar, need: Scalar) -> Scalar:

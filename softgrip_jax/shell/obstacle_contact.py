@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from ..checked import choice, is_concrete, part
-from .basis import Grid, at_points
-from .energy_maps import contact_average, shape_observables
-from .energy_scene import EnergyScene
+from .basis import Grid
+from .energy_maps import shape_observables
+from .energy_scene import EnergyScene, Vector
 from .obstacles import Obstacle, Shape, length
 from .sheet import local
 
@@ -50,6 +51,17 @@ class EnergyFree(EnergyScene):
         return shape_observables(self, y)
 
 
+class Resting(NamedTuple):
+    """The membrane at the contact points."""
+
+    places: Float[Array, "k 3"]
+    """Of its outer face, m."""
+    pushes: Float[Array, " k"]
+    """Normal forces, N."""
+    shares: Float[Array, " k"]
+    """Of their sum; zero where nothing presses."""
+
+
 class ObstacleContact(EnergyScene):
     """The membrane pressed against any rigid object, without friction.
 
@@ -64,6 +76,8 @@ class ObstacleContact(EnergyScene):
     their resultant on the object and its moment about the middle of the flat membrane's outer face. friction_moment
     (N m): contact pressure times distance from the middle of the contact, integrated; times the coefficient of friction
     it is the moment that resists turning about z, which the thesis (3.40) takes from an ellipse of uniform pressure.
+
+    contact_area: force over pressure, what an even pressure would need.
 
     An object that breaks the named symmetry is a ValueError, and IMPOSSIBLE where its numbers are traced.
     """
@@ -87,8 +101,11 @@ class ObstacleContact(EnergyScene):
     } | EnergyFree.OBSERVABLES
 
     def __check_init__(self) -> None:
-        broken = self.broken_symmetry() if self.symmetry in MIRRORS and self._is_known() else None
-        if broken is not None and bool(broken > SYMMETRIC):
+        if self.symmetry not in MIRRORS or not self._is_known():
+            return
+        with jax.ensure_compile_time_eval():  # under jit, too
+            broken = self.broken_symmetry()
+        if float(broken) > SYMMETRIC:
             name = type(self).__name__
             raise ValueError(
                 f"{name}.symmetry is {self.symmetry!r}, but the object is not the same on both sides: its distance "
@@ -119,7 +136,9 @@ class ObstacleContact(EnergyScene):
             return self
         if self._is_known():
             for symmetry in ("both", "across", "along"):
-                if bool(self.broken_symmetry(symmetry) <= SYMMETRIC):
+                with jax.ensure_compile_time_eval():
+                    broken = self.broken_symmetry(symmetry)
+                if float(broken) <= SYMMETRIC:
                     return dataclasses.replace(self, symmetry=symmetry)
         return dataclasses.replace(self, symmetry="none")
 
@@ -138,18 +157,23 @@ class ObstacleContact(EnergyScene):
     def without_body(self):
         return EnergyFree(self.shell, self.grid.symmetry, self.bending, self.across, self.lengthwise)
 
-    def measured(self, y, pressed, pressure):
-        shell, functional = self.shell, self.functional
+    def resting(self, y: Vector, pressed: Float[Array, " k"]) -> Resting:
+        """Where the membrane rests on the object, and how much."""
+        shell, table = self.shell, self.functional.touching
         aspect, thickness = shell.a / shell.b, shell.t_m / shell.a
 
         def face(e, point):
             return shell.a * local(e, point, aspect).face(thickness)
 
-        table = functional.touching
-        places = jax.vmap(face)(functional.deformed(y, table.values), table.points)
-        normals = -jax.vmap(jax.grad(self.body.distance))(places)
-        pushes = pressed * functional.contact_weights(self) * self.unit() * shell.a**2
-        forces = pushes[:, None] * normals
+        places = jax.vmap(face)(self.functional.deformed(y, table.values), table.points)
+        pushes = pressed * self.functional.contact_weights(self) * self.unit() * shell.a**2
+        total = jnp.sum(pushes)
+        return Resting(places, pushes, pushes / jnp.where(total > 0, total, 1.0))
+
+    def measured(self, y, pressed, pressure):
+        resting = self.resting(y, pressed)
+        places, pushes = resting.places, resting.pushes
+        forces = pushes[:, None] * -jax.vmap(jax.grad(self.body.distance))(places)
         # The grid of a symmetric scene covers one side: what the other side takes away again is left out.
         across, along = self.symmetry in ("across", "both"), self.symmetry in ("along", "both")
         force = jnp.sum(forces, axis=0) * np.array([not across, not along, True])
@@ -158,8 +182,7 @@ class ObstacleContact(EnergyScene):
         resultants = {f"force_{axis}": force[k] for k, axis in enumerate("xyz")}
         resultants |= {f"moment_{axis}": moment[k] for k, axis in enumerate("xyz")}
         # What turns about the z axis through the middle of the contact: zero by symmetry, or where the forces balance.
-        share = pushes / jnp.where(total > 0, total, 1.0)
-        middle = (share @ places)[:2] * np.array([not across, not along])
+        middle = (resting.shares @ places)[:2] * np.array([not across, not along])
         arms = jax.vmap(length)(places[:, :2] - middle[None])
         resultants["friction_moment"] = pushes @ arms
         return {"force": total, **resultants, "contact_area": total / pressure} | shape_observables(self, y)
@@ -172,45 +195,3 @@ HEIGHTS = (0.0, 0.5, 1.0)
 _ACROSS, _ALONG = np.array([-1, 1, 1]), np.array([1, -1, 1])
 MIRRORS = {"across": (_ACROSS,), "along": (_ALONG,), "both": (_ACROSS, _ALONG)}
 """Symmetry -> what a place is multiplied by."""
-
-
-class EnergyFlat(ObstacleContact):
-    """A plane parallel to the membrane: what `FlatContact(shell, distance, model="energy")` is solved as.
-
-    contact_half_width, contact_half_length: how far the pressed part reaches from the middle along x and y, m.
-    """
-
-    OBSERVABLES: ClassVar = (
-        {"force": "force", "contact_area": "area", "contact_half_width": "length"}
-        | {"contact_half_length": "length"}
-        | EnergyFree.OBSERVABLES
-    )
-
-    def observe(self, unknowns, pressure):
-        observed = super().observe(unknowns, pressure)
-        width, length = self._half_axes(*self.split(unknowns), pressure)
-        return {
-            name: (observed | {"contact_half_width": width, "contact_half_length": length})[name]
-            for name in self.OBSERVABLES
-        }
-
-    def _half_axes(self, y, pressed, pressure):
-        """Along each axis: integral of contact pressure over pressure, which is one where the membrane lies flat."""
-        nodes, weights = np.polynomial.legendre.leggauss(LINE_POINTS)
-        shell, halves = self.shell, []
-        aspect = shell.a / shell.b
-        for axis in (0, 1):
-            points = np.zeros((LINE_POINTS, 2))
-            points[:, axis] = (nodes + 1) / 2
-            values = at_points(self.grid, points)
-            at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(y, values), points, aspect)
-            pressing = contact_average(self.grid, points) @ pressed
-            true = pressing / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
-            stretch = jnp.linalg.norm(at.along_y if axis else at.along_x, axis=1)
-            side = shell.b if axis else shell.a
-            halves.append(side * jnp.dot(weights / 2, true * stretch))
-        return halves
-
-
-LINE_POINTS = 40
-"""Gauss points along an axis: the edge of the contact is found to a hundredth of a half side."""

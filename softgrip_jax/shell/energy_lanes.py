@@ -1,0 +1,115 @@
+"""Batches of energy membranes: one lane after the other, each from a guess that the lanes before it give.
+
+On a CPU a lane alone makes better use of matrix products than many side by side, and does not wait for others. What the
+lanes before have taught is a linear fit, by least squares, of coefficients and contact pressures over the numbers in
+which lanes differ. A guess decides what a lane costs, not what is found: where the minimum is not close to the guess
+(BESIDE), the lane is followed from the flat membrane as if it were alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jax.custom_batching import sequential_vmap
+from jaxtyping import Array, Float
+
+from ..numerics.minimise import Minimum
+from ..numerics.roots import select
+
+if TYPE_CHECKING:
+    from .energy_scene import EnergyScene
+
+Scalar = Float[Array, ""]
+Numbers = Float[Array, " m"]
+
+BESIDE = 0.3
+"""A minimum that is this close to its guess (coefficients, of order one) is on the same branch."""
+CLOSE = 0.2
+"""Lanes whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
+FAR = 3.0
+"""In standard deviations: beyond, a lane counts as here."""
+MOST = 24
+"""Numbers over which is fitted: beyond, a fit costs more than it saves."""
+PRIOR = 0.01
+"""Weight, in lanes, of slopes being zero: few lanes determine no slopes."""
+
+
+class _Known(NamedTuple):
+    """What the lanes before have taught."""
+
+    lanes: Float[Array, "m m"]
+    """Sum over them of the products of their numbers, plus PRIOR."""
+    found: Float[Array, "m k"]
+    """Sum of the products of numbers and unknowns."""
+    numbers: Numbers
+    """Of the last lane that was met,"""
+    last: Minimum
+    """and its minimum; `reached` says whether there is one."""
+
+
+def one_after_other(find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, lanes: Any) -> Minimum:
+    """The minima of all lanes. `find`: (scene, load) -> that of one lane, from the flat membrane."""
+
+    def spread(leaf, batched):
+        return leaf if batched else jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
+
+    lanes = jax.tree.map(spread, lanes, is_batched)
+    pairs = zip(jax.tree.leaves(lanes), jax.tree.leaves(is_batched), strict=True)
+    *varied, load = [leaf if batched else jnp.zeros((size, 0)) for leaf, batched in pairs]
+    numbers = _numbers(load, varied, size)
+    # In a batch of batches each has its own fit, and none is computed that is not needed.
+    return sequential_vmap(lambda numbers, lanes: _in_turn(find, numbers, lanes))(numbers, lanes)
+
+
+def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]:
+    """One, the load and what scenes differ in, in standard deviations from their mean, and the load squared."""
+    raw = jnp.concatenate([jnp.reshape(leaf, (size, -1)) for leaf in (load, *varied)], axis=1)[:, :MOST]
+    known = jnp.where(jnp.isfinite(raw), raw, jnp.nan)
+    spread = jnp.nanstd(known, axis=0, keepdims=True)
+    scaled = (known - jnp.nanmean(known, axis=0, keepdims=True)) / jnp.where(spread > 0, spread, 1.0)
+    usual = jnp.where(jnp.isfinite(scaled), jnp.clip(scaled, -FAR, FAR), 0.0)
+    loads = usual[:, : jnp.reshape(load, (size, -1)).shape[1]]
+    return jnp.concatenate([jnp.ones((size, 1)), usual, loads**2], axis=1)
+
+
+def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], lanes: Any) -> Minimum:
+    def next_lane(known: _Known, lane):
+        here, (scene, load) = lane
+
+        def begin():
+            return find(scene, load)
+
+        def tried():
+            guess = _guess(known, here, load, scene)
+            met = scene.follow(guess, load, guess, load)
+            beside = met.reached & (jnp.max(jnp.abs(met.y - scene.split(guess)[0])) < BESIDE)
+            return lax.cond(beside, lambda: met, begin)
+
+        met = lax.cond(known.last.reached, tried, begin)
+        unknowns = jnp.concatenate([met.y, met.multipliers])
+        sums = known.lanes + jnp.outer(here, here), known.found + jnp.outer(here, unknowns)
+        taught = _Known(*sums, here, met)
+        return select(met.reached, taught, known), met
+
+    first = jax.tree.map(lambda leaf: leaf[0], lanes)
+    shapes = jax.eval_shape(find, *first)
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    count = numbers.shape[1]
+    unknowns = nothing.y.size + nothing.multipliers.size
+    begun = _Known(PRIOR * jnp.eye(count), jnp.zeros((count, unknowns)), jnp.zeros(count), nothing)
+    return lax.scan(next_lane, begun, (numbers, lanes))[1]
+
+
+def _guess(known: _Known, here: Numbers, load: Scalar, scene: EnergyScene) -> Float[Array, " k"]:
+    """By the fit; from the last lane where that is close, along its tangent with the load."""
+    last = jnp.concatenate([known.last.y, known.last.multipliers])
+    tangent = last + (load - known.last.load) * jnp.concatenate(known.last.slope)
+    close = jnp.max(jnp.abs(here - known.numbers)) < CLOSE
+    fitted = jnp.linalg.solve(known.lanes, here) @ known.found
+    guess = jnp.where(close, tangent, fitted)
+    y, multipliers = scene.split(guess)
+    return jnp.concatenate([y, jnp.maximum(multipliers, 0.0)])

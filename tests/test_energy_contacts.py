@@ -1,0 +1,124 @@
+"""The thesis's contacts and grasps by the energy membrane, against integrals over the maps that it reports."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import shell
+from scipy.integrate import trapezoid
+
+import softgrip_jax as sg
+from softgrip_jax.results import Status
+from softgrip_jax.shell.energy_contacts import half_axis
+from softgrip_jax.shell.obstacle_contact import Resting
+from softgrip_jax.units import GRAVITY, gram, kPa, mm
+
+MASS, FRICTION, ECCENTRICITY = 563 * gram, 0.9, 8 * mm
+SMALL = {"across": 2, "lengthwise": 3}
+
+
+def grasp(**changed) -> sg.Scene:
+    given = {"mass": MASS, "friction": FRICTION, "eccentricity": ECCENTRICITY} | changed
+    return sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, model="energy", **given)
+
+
+def test_security_and_tilt_resistance_are_integrals_over_the_map():
+    """The normal force and the moment of friction, summed in NumPy over the map of the contact pressure."""
+    solution = sg.solve(grasp(), 15 * kPa)
+    maps = {k: np.asarray(v) for k, v in solution.scene.surface(solution.unknowns, solution.pressure, 161).items()}
+    sides = [maps["X"][:, 0], maps["Y"][0]]
+    # Deformed area per flat area.
+    stretched = maps["larger_stretch"] * maps["smaller_stretch"]
+
+    def integral(density):
+        return trapezoid(trapezoid(density * stretched, sides[1]), sides[0])
+
+    pressure = maps["contact_pressure"]
+    force = integral(pressure)
+    arm = np.hypot(maps["place"][..., 0], maps["place"][..., 1])
+    tilt = FRICTION * integral(pressure * arm)
+    assert force == pytest.approx(float(solution.force), rel=0.02)
+    # The map is smoothed over the distance between the contact points, which spreads it: by an eighth here.
+    assert 1 < tilt / float(solution.tilt_resistance) < 1.15
+    lift, turn = FRICTION * force / (MASS * GRAVITY / 2), tilt / (MASS * GRAVITY * ECCENTRICITY)
+    assert turn < lift
+    assert 1 < turn / float(solution.security) < 1.15
+    light = sg.solve(grasp(eccentricity=1 * mm), 15 * kPa)
+    assert float(light.security) == pytest.approx(lift, rel=0.02)
+    assert float(solution.required_force) == pytest.approx(MASS * GRAVITY / 2 / FRICTION)
+    # Half of the contact's length: where the map has fallen to half, along the middle.
+    line = pressure[80]
+    angle = np.arctan2(maps["place"][80, :, 1], 25 * mm - maps["place"][80, :, 2])
+    edge = np.max(angle[line > line.max() / 2])
+    assert float(solution.contact_angle) == pytest.approx(edge, rel=0.2)
+    assert float(solution.contact_half_length) == pytest.approx(20 * mm * float(solution.contact_angle))
+
+
+@pytest.mark.slow
+def test_the_pressure_that_holds_has_derivatives():
+    """By the thickness, the mass and the friction: forward, reverse, and central differences."""
+    ready = dataclasses.replace(grasp(eccentricity=4 * mm).prepared(), **SMALL)
+
+    def needed(change):
+        changed = dataclasses.replace(
+            ready,
+            shell=dataclasses.replace(ready.shell, t_m=ready.shell.t_m * change[0]),
+            mass=ready.mass * change[1],
+            friction=ready.friction * change[2],
+        )
+        return sg.pressure_for(changed).pressure / kPa
+
+    one = jnp.ones(3)
+    assert int(sg.pressure_for(ready).status) == Status.OK
+    value, forward, reverse = jax.jit(lambda x: (needed(x), jax.jacfwd(needed)(x), jax.jacrev(needed)(x)))(one)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-10)
+    step, program = 1e-5, jax.jit(jax.vmap(needed))
+    ends = program(1 + step * np.concatenate([np.eye(3), -np.eye(3)]))
+    np.testing.assert_allclose(forward, (ends[:3] - ends[3:]) / (2 * step), rtol=1e-5)
+    # More weight needs more pressure; mass over friction is all that counts.
+    assert forward[1] > 0
+    assert float(forward[1] + forward[2]) == pytest.approx(0, abs=1e-8)
+    assert 5 < float(value) < 30
+
+
+def test_half_axes_of_an_even_pressure_on_an_ellipse():
+    x, y = (v.ravel() for v in np.meshgrid(*(np.linspace(-2, 2, 801),) * 2, indexing="ij"))
+    inside = (((x - 0.3) / 1.2) ** 2 + (y / 0.7) ** 2 < 1).astype(float)
+    resting = Resting(jnp.stack([x, y, 0 * x], axis=1), jnp.asarray(inside), jnp.asarray(inside / inside.sum()))
+    assert float(half_axis(resting, jnp.asarray(x), False)) == pytest.approx(1.2, rel=1e-3)
+    assert float(half_axis(resting, jnp.asarray(y), True)) == pytest.approx(0.7, rel=1e-3)
+    nothing = resting._replace(shares=jnp.zeros_like(resting.shares))
+    assert float(jax.grad(lambda at: half_axis(nothing, at, True))(jnp.asarray(x))[0]) == 0
+
+
+@pytest.mark.slow
+def test_a_plane_that_leans_by_nothing_is_a_plane():
+    """The same contact from two scenes, one of them without symmetry across."""
+    square = shell(a=12 * mm, b=16 * mm)
+    leaning = sg.shell.InclinedContact(square, distance=3 * mm, angle=0.0, model="energy")
+    flat = sg.shell.FlatContact(square, distance=3 * mm, model="energy")
+    one, two = (sg.solve(dataclasses.replace(s.prepared(), across=3, lengthwise=3), 20 * kPa) for s in (leaning, flat))
+    np.testing.assert_allclose(one.force, two.force, rtol=1e-8)
+    # Half axes of a rectangle are sqrt(4/3) of its half sides, those of an ellipse its own.
+    for whole, half in ((one.contact_width, two.contact_half_width), (one.contact_length, two.contact_half_length)):
+        assert 0.85 < float(whole / (2 * half)) < 1.25
+
+
+def test_a_known_scene_may_be_solved_under_jit():
+    """Its symmetry is looked for in known numbers, though the pressure is traced."""
+    plane = sg.shell.obstacles.Plane(5 * mm)
+    scene = sg.shell.ObstacleContact(shell(), plane, across=2, lengthwise=2)
+    found = jax.jit(lambda pressure: sg.solve(scene, pressure))(12 * kPa)
+    assert found.scene.symmetry == "both"
+    np.testing.assert_allclose(found.force, sg.solve(scene, 12 * kPa).force, rtol=1e-12)
+
+
+def test_the_thesis_s_lever_is_for_ellipses():
+    with pytest.raises(ValueError, match=r"Grasp\.lever is 'rim'; with model 'energy' there is only 'exact'"):
+        grasp(lever="rim")
+    with pytest.raises(ValueError, match=r"has no observable 'height'; it has: force, "):
+        sg.pressure_for(grasp(), height=30 * mm)
+    with pytest.raises(ValueError, match=r"needs Grasp\.mass > 0"):
+        sg.pressure_for(grasp(mass=0.0))
