@@ -28,8 +28,10 @@ Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
 
 
 class Span(NamedTuple):
-    """Pressures, Pa, and their places on the path: 1 where the pressure begins to act."""
+    """Pressures, Pa, and their places on the path, which begins with the external loads."""
 
+    loading: Scalar
+    """Where the loads have arrived and the pressure begins to act; 1, or more for loads that are large."""
     begin: Scalar
     step: Scalar
     """A typical change of pressure: the unit along the path."""
@@ -38,11 +40,15 @@ class Span(NamedTuple):
 
     def place_of(self, pressure: Scalar) -> Scalar:
         """The last entry of u at a pressure."""
-        return 1 + jnp.maximum(pressure - self.begin, 0) / self.step
+        return self.loading + jnp.maximum(pressure - self.begin, 0) / self.step
 
     def pressure_at(self, u: Vector) -> Scalar:
         """The pressure at a point of the path."""
-        return self.begin + self.step * jnp.maximum(u[-1] - 1, 0)
+        return self.begin + self.step * jnp.maximum(u[-1] - self.loading, 0)
+
+    def share_at(self, u: Vector) -> Scalar:
+        """The share of the loads there: they arrive with zero slope, no kink for the tangent."""
+        return 1 - (1 - jnp.minimum(u[-1] / self.loading, 1)) ** 2
 
 
 class PathScene(Scene):
@@ -83,24 +89,23 @@ class PathScene(Scene):
     def residual(self, unknowns, pressure):
         return self.ramped(unknowns, jnp.ones_like(pressure), pressure)
 
-    def _start(self) -> Vector:
-        return jnp.append(self.rest(), jnp.where(self.is_unloaded(), 1.0, 0.0))
+    def _start(self, span: Span) -> Vector:
+        return jnp.append(self.rest(), jnp.where(self.is_unloaded(), span.loading, 0.0))
 
     def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> tuple[Vector, Array, Array]:
         """(point u, status, iterations) where goal(context, ...) rises through zero along the path from `start`."""
 
         def equations(u, fine, args):
             scene, context, span = args
-            # The loads arrive with zero slope at u[-1] = 1, where the pressure takes over: no kink for the tangent.
-            share = 1 - (1 - jnp.minimum(u[-1], 1)) ** 2
-            residual, observed = scene.measured(u[:-1], share, span.pressure_at(u), fine)
+            residual, observed = scene.measured(u[:-1], span.share_at(u), span.pressure_at(u), fine)
             return residual, goal(context, u, observed)
 
         end = follow(equations, start, (self, context, span), self.has_rough_way())
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
-        status = jnp.where((status == Status.BEYOND_LIMIT) & (end.point.u[-1] <= 1), Status.IMPOSSIBLE, status)
+        is_loading = end.point.u[-1] <= span.loading
+        status = jnp.where((status == Status.BEYOND_LIMIT) & is_loading, Status.IMPOSSIBLE, status)
         possible = admissible(self) & self.is_possible()
         return end.point.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
 
@@ -108,7 +113,7 @@ class PathScene(Scene):
         span = self.pressure_span()
         wanted = span.place_of(pressure)
         reachable = jnp.minimum(wanted, span.place_of(span.end))
-        u, status, steps = self._search(self._start(), _to_place, reachable, span)
+        u, status, steps = self._search(self._start(span), _to_place, reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
@@ -119,7 +124,7 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._start(), _to_place, span.place_of(span.end), span)
+        u, status, _ = self._search(self._start(span), _to_place, span.place_of(span.end), span)
         at_fold = status == Status.BEYOND_LIMIT
         pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
@@ -152,12 +157,12 @@ class PathScene(Scene):
 
             def goal(context, u, observed):
                 is_loading, value = context
-                return jnp.where(is_loading, u[-1] - 1, surplus(value, u, observed))
+                return jnp.where(is_loading, u[-1] - span.loading, surplus(value, u, observed))
 
             u, *found = fixed._search(u, goal, (is_loading, value), span)
-            return u.at[-1].set(jnp.where(is_loading, 1.0, u[-1])), (u, *found)
+            return u.at[-1].set(jnp.where(is_loading, span.loading, u[-1])), (u, *found)
 
-        u, (points, statuses, counts) = lax.scan(walk, fixed._start(), jnp.array([True, False]))
+        u, (points, statuses, counts) = lax.scan(walk, fixed._start(span), jnp.array([True, False]))
         reached = jnp.where(over(points[0]) >= 0, Status.NO_CONTACT, statuses[1])
         status = jnp.where(statuses[0] == Status.OK, reached, statuses[0])
         pressure = span.pressure_at(u)
@@ -183,15 +188,16 @@ class PathScene(Scene):
     def branch(self, n):
         """n points at equal arc lengths from the first effect of pressure, through the limit point."""
         span = self.pressure_span()
-        loaded, status, _ = self._search(self._start(), _to_place, jnp.ones_like(span.end), span)
+        loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
 
         def along(u):
             return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
 
-        points, trusted = trace(along, loaded.at[-1].set(1.0), BRANCH_LENGTH / n, n)
+        points, trusted = trace(along, loaded.at[-1].set(span.loading), BRANCH_LENGTH / n, n)
 
         def report(u, trusted):
-            state = jnp.where(trusted & (status == Status.OK) & (u[-1] >= 1), Status.OK, Status.NOT_CONVERGED)
+            good = trusted & (status == Status.OK) & (u[-1] >= span.loading)
+            state = jnp.where(good, Status.OK, Status.NOT_CONVERGED)
             pressure = span.pressure_at(u)
             return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
 

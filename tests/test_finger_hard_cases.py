@@ -103,7 +103,7 @@ def test_nothing_is_followed_past_eulers_load():
     f = TYPE_A | {"H": 2.0}  # slender: its shortening counts for little
     root = brentq(lambda x: np.tan(x) - x, 4.4, 4.6)
     euler = root**2 * f["mu"] * f["B"] * f["H"] ** 3 / 3 / f["L"] ** 2
-    shares, offsets = np.array([0.9, 0.97, 1.03, 1.5, 3.0]), (0.0, 0.01)
+    shares, offsets = np.array([0.9, 0.97, 1.03, 1.5, 3.0, 6.0]), (0.0, 0.01)
     scenes = [contact(f, "exact", offset, -share * euler) for offset in offsets for share in shares]
     found = solved(scenes, [0.0] * len(scenes))
     ok, turned = (found["status"] == OK).reshape(2, -1), np.abs(found["tip_angle"]).reshape(2, -1)

@@ -45,9 +45,8 @@ class HeldTip(FingerScene):
         return jnp.abs(self.pull()) + weight
 
     def held_unit(self) -> Scalar:
-        """EI / L^2 with EI = mu B H^3 / 3, N: the scale of the tip force."""
-        finger = self.finger
-        return finger.moment_scale() * finger.H / (3 * finger.L**2)
+        """EI / L^2, N: the scale of the tip force."""
+        return self.stiffness() / self.finger.L**2
 
     def tip_loads(self, held, share):
         scale = self.finger.force_scale()
