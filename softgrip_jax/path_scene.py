@@ -156,10 +156,10 @@ class PathScene(Scene):
             """First to where the pressure begins to act, then to the target: one program for both."""
 
             def goal(context, u, observed):
-                is_loading, value = context
-                return jnp.where(is_loading, u[-1] - span.loading, surplus(value, u, observed))
+                is_loading, value, loading = context
+                return jnp.where(is_loading, u[-1] - loading, surplus(value, u, observed))
 
-            u, *found = fixed._search(u, goal, (is_loading, value), span)
+            u, *found = fixed._search(u, goal, (is_loading, value, span.loading), span)
             return u.at[-1].set(jnp.where(is_loading, span.loading, u[-1])), (u, *found)
 
         u, (points, statuses, counts) = lax.scan(walk, fixed._start(span), jnp.array([True, False]))
