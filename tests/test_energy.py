@@ -54,8 +54,10 @@ def test_force_on_a_plane_against_finite_elements():
 def test_a_thick_wall_bends():
     wall = sg.FlatShell(a=5 * mm, b=8 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=136 * kPa))
     scene = sg.shell.ObstacleContact(wall, Plane(0.9 * mm), bending=True, across=6, lengthwise=6)
-    error = np.asarray(sg.path(scene, np.array(list(CHAMBER)) * kPa).force) / np.array(list(CHAMBER.values())) - 1
-    assert np.max(np.abs(error)) < 0.1
+    seen = sg.path(scene, np.array(list(CHAMBER)) * kPa).force
+    assert np.max(np.abs(np.asarray(seen) / np.array(list(CHAMBER.values())) - 1)) < 0.1
+    # It is pressed far out of the shape that it has in free space, and found there from the flat membrane, too.
+    np.testing.assert_allclose([sg.solve(scene, p * kPa).force for p in (28, 41)], seen[jnp.array([2, 4])], rtol=1e-9)
 
 
 def triangles_inflation(a: float, b: float, t_m: float, mu: float, pressure: float, n: int) -> float:

@@ -64,10 +64,10 @@ SETTLED = 1e-7
 """After a move this small the next one, which is taken without a look, reaches the last bit: moves e, then C e^2."""
 TRUSTED = 0.2
 """Of the load: where a larger step fails the guess may be to blame, and the load is tried again."""
-LEAP = 1.5
+LEAP, LEAP_IN_CONTACT = 1.5, 2.5
 """A minimum that is larger by this (in any component, y being of order one) than the last one, or than the first guess,
 may be on another branch, behind the largest load: the load step is cut. So it is where the way there leads twice as
-far. Contact may take y anywhere else; a branch behind the largest load is larger."""
+far. Contact bends y into shapes that the first guess knows nothing of, and keeps it from leaping far."""
 TRUSTED_LEAP = 0.02
 """As TRUSTED, where a step has led so far: nothing says that there is no minimum nearby."""
 FINEST = 3e-7
@@ -218,7 +218,8 @@ def minimise(
         settled = taken & (size < SETTLED) & (steps.change < SETTLED)
         first = state.kept_load == 0
         known = jnp.max(jnp.abs(state.kept[0] + jnp.where(first, state.load, 0.0) * state.slope[0]))
-        leapt = taken & (jnp.max(jnp.abs(trial)) > known + LEAP * jnp.where(settled, 1.0, 2.0))
+        leap = jnp.where(jnp.any(x.pressed > 0), LEAP_IN_CONTACT, LEAP) * jnp.where(settled, 1.0, 2.0)
+        leapt = taken & (jnp.max(jnp.abs(trial)) > known + leap)
 
         # Near: y and multipliers together, from where it is safe to return to.
         both = state._replace(
