@@ -15,6 +15,7 @@ own, compiled once: choosing pays before a sweep, a search or a large batch, not
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
@@ -24,7 +25,7 @@ from jax.core import Tracer
 
 from . import pneunet, shell
 from .checked import require
-from .pneunet.finger_scene import FingerScene
+from .pneunet.finger_scene import PART_POINTS, FingerScene
 from .results import Solution, Status
 from .scene import RESIDUAL_EPS, Scene, pressure_for, solve
 from .shell.energy_scene import EnergyScene
@@ -32,23 +33,21 @@ from .shell.flat_shell import ShellScene
 
 ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)
 """No error is claimed to be smaller than what `solve` accepts as a residual."""
-FINEST_STEPS = 16
-"""Steps along a finger on the dearest rung, or the scene's own where those are more."""
-STEP_GAIN = 16.0
-"""Doubling the steps of order 8 leaves one part in 256 of the error; one in 16 is claimed."""
+FEWEST_POINTS, FINEST_POINTS = 4, 16
+"""Gauss points along a finger on the cheapest rung, and at least on the dearest: its own where those are more."""
+MORE_POINTS, POINT_GAIN = 1.5, 16.0
+"""From rung to rung: 4 to 6 points leave one part in 40 of the error, more leave less; one in 16 is claimed."""
 BASES = ((2, 3), (3, 4), (4, 6))
 """(across, along) polynomials of the energy membrane, the last its default; the dearest rung has one and two more."""
 
 # What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
 # 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of two or so.
 ARC_COST, COUPLED_ARC_COST = 0.6, 140.0
-PATH_COST, STEP_COST = 30.0, 3.0
-"""Following a path, and each step along the finger on top."""
+PATH_COST, POINT_COST = 30.0, 0.5
+"""Following a path, and the square of the points along the finger on top."""
 WEIGHT_COST = 1.6
 """Loads are a path of their own, before the pressure."""
 SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
-COUPLING_COST = 170.0
-"""Inclinations that couple are roots inside the beam, part by part."""
 SHELL_COST = 2.0
 ENERGY_COST = 18.0
 """Per product of polynomials."""
@@ -219,7 +218,7 @@ def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float)
         if error(k) <= tolerance:
             chosen = k
             break
-        # More steps do not help where what the last refinement changed is small beside what is missing. (Where nothing
+        # More points do not help where what the last refinement changed is small beside what is missing. (Where nothing
         # is left out they always do, even if two coarse ones happen to agree.)
         if left_out and left_out in coarser and np.isfinite(error(k)):
             still = np.linalg.norm(read(k).value - coarser[left_out]) / np.linalg.norm(best)
@@ -302,7 +301,7 @@ def _energy(scene: Any) -> Iterator[Rung]:
 
 
 def _finger(scene: Any) -> Iterator[Rung]:
-    """Every subset of the simplifications with every number of steps."""
+    """Every subset of the simplifications with every number of points."""
     if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
         yield Rung(pneunet.Linear(scene.finger), ("large deflections and strains", "all loads"), "explicit", 1.0)
     simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
@@ -318,23 +317,25 @@ def _finger(scene: Any) -> Iterator[Rung]:
         if getattr(scene, field) != plain:
             simpler += [(dataclasses.replace(one, **{field: plain}), (*out, words)) for one, out in simpler]
     for one, left_out in reversed(simpler):
-        yield from _stepped(one, left_out, WEIGHT_COST if one.weight is scene.weight is not None else 1.0)
+        yield from _resolved(one, left_out, WEIGHT_COST if one.weight is scene.weight is not None else 1.0)
 
 
-def _stepped(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Rung]:
-    """The same finger with more and more steps: doubled to FINEST_STEPS or its own, and at least once."""
+def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Rung]:
+    """The same finger with more and more points: up to FINEST_POINTS or its own, and at least once more."""
     coupled = scene.inclination != "none"
     if isinstance(scene, pneunet.Free) and scene.is_arcs():
         yield Rung(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
         return
-    whole = scene.prepared()
-    parts = whole.chambers()[0].low.shape[0]
-    multiple = whole.shooting == "multiple"  # `steps` are then those of every part
-    cost = SECTION_COST[scene.section] * (COUPLING_COST if coupled else 1.0) * share
-    steps, finest, count = (1 if multiple else parts), max(FINEST_STEPS, scene.steps), 0
-    while count < 2 or steps < 2 * finest:
-        every = steps * parts if multiple else steps
-        words = f"{every} steps" if every > 1 else "1 step"
-        finer = dataclasses.replace(scene, steps=steps)
-        yield Rung(finer, left_out, f"{words} along the finger", cost * (PATH_COST + STEP_COST * every), STEP_GAIN)
-        steps, count = 2 * steps, count + 1
+    parts = scene.chambers()[0].low.shape[0]
+    cost = SECTION_COST[scene.section] * share
+    each, finest, count = (FEWEST_POINTS if parts == 1 else PART_POINTS), max(FINEST_POINTS, scene.points), 0
+    while True:
+        every = each * parts
+        finer = dataclasses.replace(scene, points=every)
+        yield Rung(
+            finer, left_out, f"{every} points along the finger", cost * (PATH_COST + POINT_COST * every**2), POINT_GAIN
+        )
+        count += 1
+        if every >= finest and count > 1:
+            return
+        each = math.ceil(MORE_POINTS * each)

@@ -16,7 +16,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import admissible
-from .numerics.paths import FOLD, REACHED, Fine, fold_load, follow, trace
+from .numerics.paths import FOLD, REACHED, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
 from .scene import Found, Scene, frozen
@@ -59,13 +59,9 @@ class PathScene(Scene):
         """The unknowns without any load: an exact solution at share 0 and no pressure."""
 
     @abc.abstractmethod
-    def measured(
-        self, unknowns: Vector, share: Scalar, pressure: Scalar, fine: Fine = True
-    ) -> tuple[Vector, dict[str, Array]]:
+    def measured(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
-        observed. Both come from one integration; what is not used is not computed.
-
-        fine: where it is not True but an array, cheap numerics may do (see `paths.follow`), in forward mode only."""
+        observed. Both come from one integration; what is not used is not computed."""
 
     def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
         """The equations alone."""
@@ -73,10 +69,6 @@ class PathScene(Scene):
 
     def observe(self, unknowns, pressure):
         return self.measured(unknowns, jnp.ones_like(pressure), pressure)[1]
-
-    def has_rough_way(self) -> bool:
-        """Whether there are cheap numerics to find the way with."""
-        return False
 
     @abc.abstractmethod
     def pressure_span(self) -> Span:
@@ -95,12 +87,12 @@ class PathScene(Scene):
     def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> tuple[Vector, Array, Array]:
         """(point u, status, iterations) where goal(context, ...) rises through zero along the path from `start`."""
 
-        def equations(u, fine, args):
+        def equations(u, args):
             scene, context, span = args
-            residual, observed = scene.measured(u[:-1], span.share_at(u), span.pressure_at(u), fine)
+            residual, observed = scene.measured(u[:-1], span.share_at(u), span.pressure_at(u))
             return residual, goal(context, u, observed)
 
-        end = follow(equations, start, (self, context, span), self.has_rough_way())
+        end = follow(equations, start, (self, context, span))
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.

@@ -169,7 +169,7 @@ def held(f=TYPE_A, offset=0.0, pull=0.0, weight=(0.0, 0.0)) -> Callable[[], sg.S
 
 def hanging(f, weight) -> Callable[[], sg.Scene]:
     """A free finger under its weight."""
-    return lambda: free(f, "exact", weight, inclination="none", shooting="multiple")
+    return lambda: free(f, "exact", weight, inclination="none")
 
 
 FINGERS = [

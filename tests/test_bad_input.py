@@ -204,19 +204,13 @@ FINGER_EDITS = {
         "radius_mm = -18",
         "radius_mm is -18; it must be a positive finite number in mm.",
     ),
-    "unknown shooting": (
+    "no points": (
         "finger_grasp",
         'section = "exact"',
-        'shooting = "triple"',
-        "shooting is 'triple'; did you mean 'multiple'?",
+        "points = 0",
+        "Grasp.points is 0; it must be a whole number, 1 or more.",
     ),
-    "no steps": (
-        "finger_grasp",
-        'section = "exact"',
-        "steps = 0",
-        "Grasp.steps is 0; it must be a whole number, 1 or more.",
-    ),
-    "half a step": ("finger_grasp", 'section = "exact"', "steps = 2.5", "steps is 2.5; it must be a whole number."),
+    "half a point": ("finger_grasp", 'section = "exact"', "points = 2.5", "points is 2.5; it must be a whole number."),
     "lists of two lengths": (
         "finger_nonuniform",
         "1.2, 1.2, 1.2, 1.2]",

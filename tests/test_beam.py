@@ -1,5 +1,7 @@
 """The finger's beam equations: against SciPy's shooting, their invariant, their order, and where shooting is hard."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -121,23 +123,22 @@ def test_vanishing_weight_is_the_closed_form():
     np.testing.assert_allclose(arcs.tip / mm, expected, rtol=1e-10)
 
 
-def typical_beam():
-    """(cover, start, active moment) close to the fold of type A, in the units of the beam."""
-    loads = beam.Loads(jnp.asarray(0.01), jnp.asarray(0.02), jnp.asarray(0.0), jnp.asarray(0.01))
-    cover = beam.Cover(jnp.asarray(5 / 77), ExactNeoHookean(), loads)
-    zero = jnp.asarray(0.0)
-    return cover, beam.beginning(zero, jnp.asarray(0.2)), jnp.asarray(-0.13)
-
-
-def test_fixed_steps_have_order_eight():
-    cover, start, active = typical_beam()
-    whole = beam.Part(jnp.asarray(0.0), jnp.asarray(1.0), None)
-    exact = np.array(jax.jit(beam.reference_shot, static_argnums=4)(cover, start, whole, active, 1e-13))
-    fixed = jax.jit(lambda steps: beam.run_part(cover, start, whole, active, steps)[1], static_argnums=0)
-    errors = [np.max(np.abs(np.array(fixed(steps)) - exact)) for steps in (6, 12, 24, 48)]
-    orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert errors[1] < 1e-7  # the default number of steps
-    assert np.all(orders[1:] > 7.5), orders
+def test_collocation_meets_diffrax_geometrically():
+    """Against adaptive shooting by diffrax from the clamp, with the moment there from the solution itself."""
+    errors = []
+    for points in (6, 9, 14):
+        scene = dataclasses.replace(contact(TYPE_A, "exact", -3.0, 0.05, (1e-3, -1e-3)), points=points)
+        solution = sg.solve(scene, 35e3)
+        assert solution.status == OK
+        bent = scene.bent(solution.unknowns, jnp.asarray(1.0), solution.pressure)
+        start = beam.State(jnp.asarray(0.0), bent.line.at_clamp, jnp.asarray(0.0), jnp.asarray(0.0))
+        part = jax.tree.map(lambda v: v[0], bent.parts)
+        shot = jax.jit(beam.reference_shot, static_argnums=4)(bent.cover, start, part, bent.active[0], 1e-12)
+        ends = [bent.line.angles[-1], 0.0, *(end[-1] for end in bent.line.ends)]
+        errors.append(max(abs(float(a - b)) for a, b in zip(ends, shot, strict=True)))
+    assert errors[0] < 1e-3
+    assert errors[1] < 0.05 * errors[0]
+    assert errors[2] < 1e-8
 
 
 def test_hamiltonian_of_the_elastica_is_constant():
@@ -148,22 +149,22 @@ def test_hamiltonian_of_the_elastica_is_constant():
     law = ExactNeoHookean()
     scene = contact(TYPE_A, "exact", -5.0, 0.1)
     solution = sg.solve(scene, 31e3)
-    bent = scene.bend(solution.unknowns, jnp.asarray(1.0), solution.pressure)
-    states, loads = jax.tree.map(lambda v: v[0], bent.shot.states), bent.cover.loads
-    m = states.moment + bent.shot.active[0]
-    n = loads.p_tip * jnp.cos(states.theta) + loads.q_tip * jnp.sin(states.theta)
+    bent = scene.bent(solution.unknowns, jnp.asarray(1.0), solution.pressure)
+    line, loads = bent.line, bent.cover.loads
+    m, theta = line.external[0] + bent.active[0], line.theta[0]
+    n = loads.p_tip * jnp.cos(theta) + loads.q_tip * jnp.sin(theta)
     z, stretch = jax.vmap(law)(m, n)
     invariant = z * m + stretch * n - jax.vmap(law.energy)(z, stretch)
     assert np.ptp(np.asarray(z * m)) > 0.5 * np.abs(invariant[0])  # the sum is constant, what it is made of is not
     assert np.ptp(np.asarray(invariant)) < 1e-9 * np.abs(invariant[0])
 
 
-def test_slender_finger_under_tension_needs_multiple_shooting():
+def test_slender_finger_under_tension_bends_in_thin_layers():
     """P L^2 / EI = 794: a perturbation grows by e^28 along the beam."""
     f, p = TYPE_A | {"L": 300.0}, 0.02
     scene = contact(f, "exact", pull=1.0)
     solution = sg.solve(scene, p * 1e6)
-    assert solution.scene.shooting == "multiple"
+    assert solution.scene.points > scene.points
     assert solution.status == OK
     force, active = f["mu"] * f["B"] * f["H"], ref.end_moment(f, p)
 
@@ -189,9 +190,10 @@ def test_slender_finger_under_tension_needs_multiple_shooting():
     np.testing.assert_allclose(solution.tip_force, found.p[0], rtol=1e-8)
     np.testing.assert_allclose(solution.tip / mm, found.y[2:, -1], rtol=0, atol=1e-8 * f["L"])
     np.testing.assert_allclose(solution.tip_angle, -found.y[0, -1], rtol=1e-7)
-    # Single shooting, which a batch gets unless told otherwise, is not good enough here, and says so.
-    single = solved([scene], [p])
-    assert single["status"][0] != OK
+    # The points that a batch gets unless told otherwise do not tell the layers, and that is said.
+    assert solved([scene], [p])["status"][0] != OK
+    more = solved([solution.scene], [p])
+    np.testing.assert_allclose(more["tip_force"][0], found.p[0], rtol=1e-8)
 
 
 def per_segment(f, count, **fields):

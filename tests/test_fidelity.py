@@ -109,9 +109,9 @@ def test_estimates_bound_the_error_at_random_fingers():
 
 @pytest.mark.slow
 def test_estimates_bound_the_error_at_a_thousand_fingers():
-    """Against twice the steps of the dearest rung, on every rung of the ladder."""
+    """Against twice the points of the dearest rung, on every rung of the ladder."""
     cases = random_fingers(np.random.default_rng(4), 1000)
-    truth, status = forces(stacked([dataclasses.replace(scene, steps=32) for scene, *_ in cases]), cases)
+    truth, status = forces(stacked([dataclasses.replace(scene, points=32) for scene, *_ in cases]), cases)
     truth = np.where(status == OK, truth, np.nan)
     bounded, total, missed, needless, rungs = compared(cases, lambda _: True, truth)
     print(f"{np.sum(status == OK)} fingers with an equilibrium, {rungs} rungs: bounds hold in {bounded} of {total}")
@@ -121,11 +121,11 @@ def test_estimates_bound_the_error_at_a_thousand_fingers():
     assert not needless
 
 
-def test_coarse_steps_that_agree_by_chance_do_not_rule_out_finer_ones():
-    """Errors of one and two steps may be equal; where nothing is left out, more steps always help."""
+def test_coarse_numerics_that_agree_by_chance_do_not_rule_out_finer_ones():
+    """Errors of two coarse rungs may be equal; where nothing is left out, finer ones always help."""
     errors = [4e-1, 7.13e-5, 7.15e-5, 2.4e-7, 7.8e-10, 0.0]
-    steps = [fidelity.Rung(None, (), f"{2**k} steps", float(k), fidelity.STEP_GAIN) for k in range(5)]
-    ladder = [fidelity.Rung(None, ("all loads",), "explicit", 0.0), *steps]
+    finer = [fidelity.Rung(None, (), f"{2**k} points", float(k), fidelity.POINT_GAIN) for k in range(5)]
+    ladder = [fidelity.Rung(None, ("all loads",), "explicit", 0.0), *finer]
     for tolerance, wanted in ((1e-4, 1), (1e-6, 3), (1e-8, 4)):
         chosen, _ = fidelity.decide(ladder, lambda k: fidelity.Reading(np.array([1 + errors[k]]), OK), tolerance)
         assert chosen == wanted
@@ -196,7 +196,7 @@ def test_rungs_of_every_kind_are_ordered_and_complete():
     assert free[-1].left_out == ()
     assert {len(r.left_out) for r in free} == {0, 1, 2, 3}
     assert len({r.left_out for r in free}) == 9  # 2^3 and the linear finger
-    assert free[-1].scene.chambers()[1] == 2  # in each of 13 parts; with one step in each the error is estimated
+    assert len(free[-1].scene.chambers()[1].places) == 5  # in each of 13 parts; with 3 in each the error is estimated
     energy = fidelity.rungs(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
     assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
     assert energy[0].scene.model == "arc"

@@ -21,18 +21,18 @@ T_M = 3
 
 
 def contact(**options):
-    options = {"weight": (0.5, -1.0), "tip_pull": 0.05, "shooting": "single"} | options
+    options = {"weight": (0.5, -1.0), "tip_pull": 0.05} | options
     return sg.pneunet.TipContact(FINGER, tip_offset=-4 * mm, **options)
 
 
 def free(**options):
-    return sg.pneunet.Free(FINGER, clamp_angle=0.1, **({"shooting": "single"} | options))
+    return sg.pneunet.Free(FINGER, clamp_angle=0.1, **options)
 
 
 def grasp():
     gripper = sg.pneunet.Gripper(FINGER, n=3)
     held = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
-    return sg.pneunet.Grasp(gripper, held, shooting="single")
+    return sg.pneunet.Grasp(gripper, held)
 
 
 def observed(*names):

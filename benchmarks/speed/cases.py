@@ -42,24 +42,24 @@ def shells() -> dict[str, Case]:
     }
 
 
-def tip_contact(section: str = "exact", steps: int = 12) -> Case:
+def tip_contact(section: str = "exact", points: int = 12) -> Case:
     """The thesis's blocked finger of type A; 27 kPa is two thirds of the largest pressure."""
     finger = sg.PneuNet.table_5_1("A")
-    return Case(sg.pneunet.TipContact(finger, section=section, steps=steps), 27 * kPa, "tip_force")
+    return Case(sg.pneunet.TipContact(finger, section=section, points=points), 27 * kPa, "tip_force")
 
 
-def free_finger(section: str = "exact", steps: int = 12) -> Case:
+def free_finger(section: str = "exact", points: int = 12) -> Case:
     """Type A under its weight; parallel walls, so that the peers solve the same."""
     finger = sg.PneuNet.table_5_1("A")
-    free = sg.pneunet.Free(finger, section=section, inclination="none", steps=steps, shooting="single")
+    free = sg.pneunet.Free(finger, section=section, inclination="none", points=points)
     return Case(free, 27 * kPa, "tip_angle")
 
 
-def grasp(section: str = "exact", steps: int = 12) -> Case:
+def grasp(section: str = "exact", points: int = 12) -> Case:
     """Three fingers of type A hold the thesis's cylinder of 26 g: the pressure that they need."""
     gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), n=3, base_radius=19.61 * mm)
     held = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
-    return Case(sg.pneunet.Grasp(gripper, held, section=section, steps=steps, shooting="single"), None, "pressure")
+    return Case(sg.pneunet.Grasp(gripper, held, section=section, points=points), None, "pressure")
 
 
 class Batch(NamedTuple):

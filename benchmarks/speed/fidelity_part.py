@@ -33,7 +33,7 @@ def measure(quick: bool) -> Iterator[dict[str, Any]]:
     from fingers import stacked
 
     cases = tested.random_fingers(np.random.default_rng(SEED), 8 if quick else FINGERS)
-    truth, status = tested.forces(stacked([dataclasses.replace(scene, steps=32) for scene, *_ in cases]), cases)
+    truth, status = tested.forces(stacked([dataclasses.replace(scene, points=32) for scene, *_ in cases]), cases)
     truth = np.where(status == 0, truth, np.nan)
     kept = tested.few if quick else lambda _: True
     bounded, total, missed, needless, rungs = tested.compared(cases, kept, truth)

@@ -20,14 +20,12 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .queue import in_slots
-from .roots import implicit, select, solve_small
+from .roots import implicit, select, solve_and_sign, solve_small
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
-Fine = Bool[Array, ""] | bool
-"""Whether equations are wanted as they are (True) or by cheap means that show the way (False)."""
-Equations = Callable[[Vector, Fine, Any], tuple[Vector, Scalar]]
-"""(u of size n + 1, fine, args) -> n equations, and the goal: a number that rises through zero where a search ends."""
+Equations = Callable[[Vector, Any], tuple[Vector, Scalar]]
+"""(u of size n + 1, args) -> n equations, and the goal: a number that rises through zero where a search ends."""
 
 FIRST_STEP = 0.3
 LARGEST_STEP = 4.0
@@ -35,6 +33,8 @@ SMALLEST_STEP = 1e-7
 LONGER, SHORTER = 2.0, 0.3
 """Arc lengths in scaled units: less than a typical load to start with, for what bends a beam may begin with the square
 of a load (the contact of chambers); below 1e-7 a path counts as ended. A step that fails is tried again, SHORTER."""
+SHORT = 0.2
+"""A step shorter than this that fails may have failed because the point before was known roughly only."""
 MAX_STEPS = 400
 NEWTON_STEPS = 8
 """A good predictor needs 2 to 4 corrections; a step that needs more is shortened instead."""
@@ -43,16 +43,14 @@ CONTRACTION = 0.7
 Newton iteration that wanders may settle on another branch. The start of the search is then taken closer."""
 TURN = 0.9
 """Cosine of the largest turn of the tangent in one step (26 degrees): keeps a step from jumping between branches."""
+POLISHED_TURN = 0.5
+"""And where a point that was known roughly is found better."""
 DETOUR = 0.25
 """A correction is at most this part of its step: an arc that turns by 26 degrees leaves its tangent by 0.22."""
 GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
-BACK = 0.5
-"""Arc length before a limit point of the rough path where the path itself is entered: it should rise there still."""
-ROUGH_ERROR = 0.05
-"""How far (over 1 + |u|) a point of the rough path may be from the point of the path that it stands for."""
 
 
 class Accuracy(NamedTuple):
@@ -62,15 +60,20 @@ class Accuracy(NamedTuple):
     """Newton's method ends where its next move would be below this."""
     left: Scalar | float
     """Or where a first correction leaves about this: itself times the turn of the tangent (its sine)."""
-    slack: Scalar | float
-    """What a correction may be in any case: no more than the point before may be off."""
-    flat: Scalar | float
-    """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
 
-FINE = Accuracy(1e-16, 0.0, SETTLED, 1e-8)
-ROUGH = Accuracy(1e-3, 0.05, 0.05, 1e-2)
-"""To keep to a branch, not to know it."""
+FINE = Accuracy(1e-16, -1.0)
+ROUGH = Accuracy(1e-3, 0.05)
+"""Of the steps on the way: to keep to a branch, not to know it."""
+STEEP = 0.1
+"""Load component of the tangent below which a point is known well, so that it is known on which side of a limit point
+it lies."""
+SLACK = 0.05
+"""What a correction may be in any case: no more than the point before may be off."""
+LEVEL = 1e-6
+"""Load component of a tangent that may be of either sign at a limit point that is known to rounding."""
+FLAT = 1e-8
+"""Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
 STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
 
@@ -110,24 +113,38 @@ def value_and_jacobian(
     return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
 
+class Local(NamedTuple):
+    """What one factorisation of the equations at a point tells of the path there."""
+
+    tangent: Vector
+    """A null vector of the equations' Jacobian."""
+    sign: Scalar
+    """Of det [Jacobian; tangent]."""
+    rise: Vector
+    """The gradient of the goal."""
+
+
 def _newton_step(
     equations: Callable[[Vector], tuple[Vector, Scalar]],
     tangent: Vector,
     guess: Vector,
     to_goal: Bool[Array, ""] | bool,
     newton: Newton,
-) -> tuple[Newton, Float[Array, "n n"]]:
+) -> tuple[Newton, Local]:
     """One Newton step towards the path in the plane through `guess` across the tangent or, with `to_goal`, towards the
-    path where goal = 0; and the Jacobian of the equations and the goal before it."""
+    path where goal = 0; and what is known of the path before it."""
     u = newton.u
     value, jacobian = value_and_jacobian(lambda u: jnp.append(*equations(u)), u)
     last = jnp.where(to_goal, value[-1], jnp.dot(tangent, u - guess))
     row = jnp.where(to_goal, jacobian[-1], tangent)
-    move = solve_small(jacobian.at[-1].set(row), value.at[-1].set(last))
+    right = jnp.stack([value.at[-1].set(last), jnp.zeros_like(u).at[-1].set(1.0)], axis=1)
+    found, sign = solve_and_sign(jacobian.at[-1].set(row), right)
+    move, null = found.T
     size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
     size = jnp.where(jnp.isfinite(size), size, jnp.inf)
     goal = value[-1] - jnp.dot(jacobian[-1], move)
-    return Newton(u - move, goal, newton.last, size, newton.count + 1), jacobian
+    local = Local(null / jnp.linalg.norm(null), sign, jacobian[-1])
+    return Newton(u - move, goal, newton.last, size, newton.count + 1), local
 
 
 def _next_move(newton: Newton) -> Scalar:
@@ -149,38 +166,31 @@ def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
     return settled & jnp.isfinite(newton.last)
 
 
-def _tangent(jacobian: Float[Array, "n m"], along: Float[Array, " m"]) -> Float[Array, " m"]:
-    """The unit null vector of the residual's Jacobian that points along `along`."""
-    matrix = jnp.concatenate([jacobian, along[None]])
-    tangent = solve_small(matrix, jnp.zeros_like(along).at[-1].set(1.0))
-    return tangent / jnp.linalg.norm(tangent)
-
-
 def _arrived(
     newton: Newton,
-    jacobian: Float[Array, "n n"],
+    local: Local,
     before: Point,
     guess: Vector,
     within: Bool[Array, ""] | bool,
-    slack: Scalar | float,
     first: Bool[Array, ""] | bool = False,
+    polishing: Bool[Array, ""] | bool = False,
 ) -> tuple[Point, Bool[Array, ""], Scalar]:
     """Where a Newton iteration is, whether that can be trusted to be the path's next point once it has converged, and
     about how far from there it was left by its first correction.
 
     It can if the tangent has not turned too far since `before`, no branch point was passed, and the correction was
     small (`within` a known piece of the path it may be large). At the first point the tangent was only guessed: it may
-    turn as it likes, but must point to growing load.
+    turn as it likes, but must point to growing load; and more than usual where a rough point is found better.
     """
-    tangent = _tangent(jacobian[:-1], before.tangent)
-    side = jnp.sign(jnp.linalg.det(jacobian.at[-1].set(tangent)))
-    rise = jnp.dot(jacobian[-1], tangent)
+    along = jnp.where(jnp.dot(local.tangent, before.tangent) < 0, -1.0, 1.0)
+    tangent, side = along * local.tangent, along * local.sign
+    rise = jnp.dot(local.rise, tangent)
     same_side = (before.side == 0) | (side == before.side)
     straight = jnp.dot(tangent, before.tangent)
     correction = jnp.linalg.norm(newton.u - guess)
-    near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + slack
+    near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + jnp.where(polishing, 3 * SLACK, SLACK)
     ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
-    trusted = jnp.where(first, ahead, (straight > TURN) & (near | within))
+    trusted = jnp.where(first, ahead, (straight > jnp.where(polishing, POLISHED_TURN, TURN)) & (near | within))
     left = correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0))
     return Point(newton.u, tangent, newton.goal, rise, side), trusted & same_side, left
 
@@ -207,8 +217,10 @@ class Search(NamedTuple):
     """Whether `far` is a limit point."""
     bend: Vector
     """Change of the tangent with arc length behind `before`: what the next step expects."""
-    lent: Bool[Array, ""]
-    """Whether the search began at a point of the rough path, which is corrected first."""
+    roughly: Bool[Array, ""]
+    """Whether `before` is known roughly only."""
+    polishing: Bool[Array, ""]
+    """Whether the step under way has length zero: it finds `before` itself better."""
     mode: Int[Array, ""]
     count: Int[Array, ""]
     guess: Vector
@@ -227,34 +239,39 @@ class End(NamedTuple):
     """Newton iterations."""
 
 
-def follow(equations: Equations, u: Vector, args: Any = None, roughly: bool = False) -> End:
+def follow(equations: Equations, u: Vector, args: Any = None) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
     equations: must take every traced value through u and args.
-    roughly: the way is found with the cheap equations alone, and its end is corrected; where that is not plainly the
-    same point, the path itself is followed from u. Both ways are one program, compiled once.
     """
-    start = _begin(u)
-    # Traced once for all that follows; a number of steps that is known stays known.
-    traced = jax.jit(equations if roughly else lambda u, _, args: equations(u, True, args))
-    if not roughly:
-        end = _walk(traced, start, start, jnp.asarray(True), args)
-        return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
+    traced = jax.jit(equations)  # once for all that follows
 
-    def walk(last, fine):
-        way, iterations = last
-        # At the goal one correction remains; a limit point is looked for again from a little before it.
-        arrived = start._replace(before=way.found, far=way.found, mode=jnp.asarray(TO_GOAL))
-        fold = way.found
-        back = fold._replace(u=fold.u - BACK * fold.tangent, side=start.before.side)
-        near_fold = start._replace(before=back, length=2 * BACK * jnp.ones_like(start.length))
-        near_end = _aimed(select(way.mode == REACHED, arrived, near_fold)._replace(lent=jnp.asarray(True)))
-        begin = select((way.mode == REACHED) | (way.mode == FOLD), near_end, start)
-        found = _walk(traced, begin, start, fine, args)
-        return (found, iterations + found.iterations), None
+    def iterate(search: Search, args) -> Search:
+        stepping, to_goal = search.mode == STEPPING, search.mode == TO_GOAL
+        newton, local = _newton_step(
+            lambda u: traced(u, args), search.before.tangent, search.guess, to_goal, search.newton
+        )
+        first = (search.count == 0) & ~to_goal
+        within = to_goal & ~_directly(search)
+        new, trusted, left = _arrived(newton, local, search.before, search.guess, within, first, search.polishing)
+        roughly = stepping & ~search.polishing & (jnp.abs(new.tangent[-1]) > STEEP)
+        accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
+        newton = newton._replace(last=jnp.where(left <= accuracy.left, 0.0, newton.last))
+        good = trusted & _converged(newton, accuracy)
+        stepped = _after_step(search, new, good, roughly)
+        folding = _after_fold_trial(search, new, good)
+        reached = _after_goal_trial(search, new, good)
+        chosen = select(stepping, stepped, select(to_goal, reached, folding))
+        chosen = _aimed(chosen._replace(count=search.count + 1))
+        limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
+        following = select(_goes_on(newton, limit, accuracy), search._replace(newton=newton), chosen)
+        return following._replace(iterations=search.iterations + 1)
 
-    (end, iterations), _ = lax.scan(walk, (start, jnp.asarray(0)), jnp.asarray([False, True]))
-    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), iterations)
+    def busy(search: Search) -> Bool[Array, ""]:
+        return (search.mode < REACHED) & (search.count < MAX_STEPS)
+
+    end = in_slots(busy, iterate, _begin(u), args)
+    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 
 def _begin(u: Vector) -> Search:
@@ -264,7 +281,7 @@ def _begin(u: Vector) -> Search:
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + FIRST_STEP
     return Search(
-        *(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, mode, count),
+        *(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, no, mode, count),
         guess=u,
         newton=_newton_from(u),
         iterations=count,
@@ -276,44 +293,8 @@ def _aimed(search: Search) -> Search:
     before, far, length, high = search.before, search.far, search.length, search.high
     through_far = (far.u - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
     bend = jnp.where((search.mode == STEPPING) | _directly(search), 0.5 * search.bend, through_far)
-    guess = before.u + jnp.where(search.count == 0, 0.0, length) * (before.tangent + length * bend)
+    guess = before.u + jnp.where((search.count == 0) | search.polishing, 0.0, length) * (before.tangent + length * bend)
     return search._replace(guess=guess, newton=_newton_from(guess))
-
-
-def _walk(equations: Equations, start: Search, fresh: Search, fine: Fine, args: Any) -> Search:
-    """One search to its end; where what it was lent turns out to be wrong, another from `fresh`."""
-
-    def iterate(search: Search, context) -> Search:
-        fresh, fine, args = context
-        accuracy = Accuracy(*(jnp.where(fine, a, b) for a, b in zip(FINE, ROUGH, strict=True)))
-        to_goal = search.mode == TO_GOAL
-        newton, jacobian = _newton_step(
-            lambda u: equations(u, fine, args), search.before.tangent, search.guess, to_goal, search.newton
-        )
-        first = (search.count == 0) & ~to_goal
-        within = to_goal & ~_directly(search)
-        new, trusted, left = _arrived(newton, jacobian, search.before, search.guess, within, accuracy.slack, first)
-        enough = (search.mode == STEPPING) & (left <= accuracy.left)
-        newton = newton._replace(last=jnp.where(enough, 0.0, newton.last))
-        good = trusted & _converged(newton, accuracy)
-        u, lent = search.before.u, search.lent & (search.count == 0)
-        same = (jnp.linalg.norm(new.u - u) <= ROUGH_ERROR * (1 + jnp.linalg.norm(u))) & (new.tangent[-1] > 0)
-        good &= same | ~lent
-        stepped = _after_step(search, new, good)
-        folding = _after_fold_trial(search, new, good, accuracy.flat)
-        reached = _after_goal_trial(search, new, good)
-        chosen = select(search.mode == STEPPING, stepped, select(to_goal, reached, folding))
-        chosen = _aimed(chosen._replace(count=search.count + 1))
-        astray = (lent & ~good) | (search.lent & (chosen.mode == ENDED))
-        chosen = select(astray, fresh, chosen)
-        limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
-        following = select(_goes_on(newton, limit, accuracy), search._replace(newton=newton), chosen)
-        return following._replace(iterations=search.iterations + 1)
-
-    def busy(search: Search) -> Bool[Array, ""]:
-        return (search.mode < REACHED) & (search.count < MAX_STEPS)
-
-    return in_slots(busy, iterate, start, (fresh, fine, args))
 
 
 def _to_goal(search: Search) -> Search:
@@ -324,7 +305,7 @@ def _to_goal(search: Search) -> Search:
     return search._replace(length=search.high * jnp.clip(share, 0.0, 1.0), mode=jnp.asarray(TO_GOAL))
 
 
-def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
+def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool[Array, ""]) -> Search:
     first = search.count == 0
     shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
@@ -335,6 +316,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     ahead = search._replace(
         before=new,
         bend=bend,
+        roughly=roughly,
         length=jnp.where(near, rest, length),
         stride=length,
         high=jnp.zeros_like(search.high),
@@ -351,11 +333,18 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
     aimed = _to_goal(interval)
     at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
-    again = search._replace(length=shorter, mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING))
-
+    again = search._replace(
+        length=shorter,
+        roughly=search.roughly & (shorter >= SHORT),
+        polishing=search.roughly & (shorter < SHORT),
+        mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING),
+    )
+    polished = search._replace(
+        before=select(good & (new.tangent[-1] > 0), new, search.before), polishing=jnp.zeros_like(roughly)
+    )
     past = new.goal >= 0
     result = select(new.tangent[-1] <= 0, fold, select(past, select(first, at_once, aimed), ahead))
-    return select(good, result, again)
+    return select(search.polishing, polished, select(good, result, again))
 
 
 def _directly(search: Search) -> Bool[Array, ""]:
@@ -368,7 +357,9 @@ def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Sear
     directly = _directly(search)
     # A goal that was not where it seemed to be: the step that would have been made without it.
     on = search._replace(length=search.stride, mode=jnp.asarray(STEPPING))
-    return select(good & (~directly | (new.tangent[-1] > 0)), reached, select(directly, on, _step_again(search)))
+    # At the limit point itself the tangent is level.
+    rising = new.tangent[-1] > jnp.where(search.at_fold, -LEVEL, 0.0)
+    return select(good & rising, reached, select(directly, on, _step_again(search)))
 
 
 def _step_again(search: Search) -> Search:
@@ -378,6 +369,8 @@ def _step_again(search: Search) -> Search:
         length=shorter,
         rose=jnp.zeros_like(search.rose),
         at_fold=jnp.zeros_like(search.at_fold),
+        roughly=search.roughly & (shorter >= SHORT),
+        polishing=search.roughly & (shorter < SHORT),
         mode=jnp.where(shorter < SMALLEST_STEP, ENDED, STEPPING),
     )
 
@@ -389,7 +382,7 @@ def _between(search: Search) -> Scalar:
     return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
 
 
-def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], flat: Scalar | float) -> Search:
+def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
     rise = new.tangent[-1]
     rising = rise > 0
     side = jnp.where(rising, 1, -1)
@@ -403,7 +396,7 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""], flat: S
         rose=side,
     )
     inner = inner._replace(length=_between(inner))
-    done = jnp.abs(rise) < flat
+    done = jnp.abs(rise) < FLAT
     # A bracket that closes where the tangent jumps holds no limit point.
     lost = ~good | (~done & (inner.high - inner.low < 1e-12))
     at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
@@ -423,8 +416,9 @@ class Border(NamedTuple):
 
 def _border(jacobian: Float[Array, "n m"]) -> Border:
     """The border for folds near u: d residual / d load, and the direction of y that the path takes there."""
-    tangent = _tangent(jacobian, _null_direction(jacobian))
-    return lax.stop_gradient(Border(jacobian[:, -1], tangent[:-1]))
+    matrix = jnp.concatenate([jacobian, _null_direction(jacobian)[None]])
+    tangent = solve_small(matrix, jnp.zeros(len(matrix)).at[-1].set(1.0))
+    return lax.stop_gradient(Border(jacobian[:, -1], tangent[:-1] / jnp.linalg.norm(tangent)))
 
 
 def _null_direction(jacobian: Float[Array, "n m"]) -> Float[Array, " m"]:
@@ -498,9 +492,9 @@ def trace(
         def step(state):
             return _newton_step(lambda u: (residual(u), zero), point.tangent, guess, False, state[0])
 
-        start = (_newton_from(guess), jnp.zeros((u.shape[0], u.shape[0]), u.dtype))
-        newton, jacobian = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
-        new, trusted, _ = _arrived(newton, jacobian, point, guess, False, FINE.slack)
+        start = (_newton_from(guess), Local(0 * u, zero, 0 * u))
+        newton, local = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
+        new, trusted, _ = _arrived(newton, local, point, guess, False)
         return new, trusted & _converged(newton, FINE)
 
     start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero), u)

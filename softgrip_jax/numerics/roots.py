@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float, Int
 
 MAX_BRACKET_STEPS = 100
@@ -147,18 +148,69 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
     return jnp.linalg.solve(matrix, right)
 
 
-def implicit(
-    residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: Any, in_scan: bool = False
-) -> Float[Array, "*n"]:
+def solve_and_sign(
+    matrix: Float[Array, "n n"], right: Float[Array, "n k"]
+) -> tuple[Float[Array, "n k"], Float[Array, ""]]:
+    """matrix @ x = right by one LU factorisation, and the sign of the determinant from it."""
+    factors, pivots, permutation = lax.linalg.lu(matrix)
+    swaps = jnp.sum(pivots != jnp.arange(pivots.shape[0], dtype=pivots.dtype))
+    sign = jnp.prod(jnp.sign(jnp.diagonal(factors))) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
+    x = lax.linalg.triangular_solve(factors, right[permutation], left_side=True, lower=True, unit_diagonal=True)
+    return lax.linalg.triangular_solve(factors, x, left_side=True, lower=False), sign
+
+
+def differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function of few numbers, whose derivatives are taken once and then combined for every direction.
+
+    Where a Jacobian is wanted in many directions, each of which reaches the function through one or two arguments,
+    JAX would go through all of its operations once for each. Differentiable again; arguments must be passed, not
+    closed over.
+    """
+
+    @jax.custom_jvp
+    def same(*args):
+        return function(*args)
+
+    def rule(primals, tangents):
+        leaves, tree = jax.tree.flatten(primals)
+        directions = tree.flatten_up_to(tangents)
+        moving = [k for k, direction in enumerate(directions) if not isinstance(direction, SymbolicZero)]
+
+        def of(values):
+            every = list(leaves)
+            for k, value in zip(moving, values, strict=True):
+                every[k] = value
+            result = function(*jax.tree.unflatten(tree, every))
+            return result, result
+
+        columns, result = jax.jacfwd(of, has_aux=True)([leaves[k] for k in moving])
+        # XLA would compute the sums and products again for each direction, but not what ends in a quotient.
+        columns = jax.tree.map(lambda column: column / (1 + 0 * column), columns)
+        tangent = jax.tree.map(
+            lambda value, *slopes: sum(
+                # Numbers are multiplied as such: as products of matrices they would take many times as long.
+                jnp.sum(slope * directions[k], axis=tuple(range(value.ndim, slope.ndim)))
+                for k, slope in zip(moving, slopes, strict=True)
+            ),
+            result,
+            *[jax.tree.map(lambda _, row, i=i: row[i], result, columns) for i in range(len(moving))],
+        )
+        return result, tangent
+
+    same.defjvp(rule, symbolic_zeros=True)
+    return same
+
+
+def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: Any) -> Float[Array, "*n"]:
     """`y`, which solves residual(y, args) = 0, with its derivative by `args`: dy = -(dr/dy)^-1 (dr/dargs) dargs.
 
     `y` is a scalar or a vector and the residual has its shape; `args` is any pytree of arrays. Where dr/dy is
     singular (a limit point) the derivative does not exist; a scalar root is then given derivative zero.
     `residual` must take every traced value through `args`: one that it closes over would outlive its trace.
 
-    in_scan: True for a root inside a `lax.scan`. Where a scan is differentiated in reverse JAX drops custom rules from
-    what it keeps for the next derivative (its partial evaluation keeps those of known arguments only; seen in 0.10.1),
-    and that one would be wrong without a word. One more Newton step in the rule, of length zero, then carries it.
+    Not inside a `lax.scan`: where one is differentiated in reverse JAX drops custom rules from what it keeps for the
+    next derivative (its partial evaluation keeps those of known arguments only; seen in 0.10.1), and that one would be
+    wrong without a word.
     """
 
     @jax.custom_jvp
@@ -181,8 +233,6 @@ def implicit(
                 return solve_small(jacobian, value)
             return jnp.where(jacobian == 0, 0.0, value / jnp.where(jacobian == 0, 1.0, jacobian))
 
-        if in_scan:
-            y = y - move(jacobian(*lax.stop_gradient((y, args))), residual(y, args))
         _, along_args = jax.jvp(lambda a: residual(y, a), (args,), (tangents[1],))
         return y, -move(jacobian(y, args), along_args)
 

@@ -1,10 +1,14 @@
-"""The cover of the finger: a plane-strain hyperelastic beam with an active moment per part, by shooting.
+"""The cover of the finger: a plane-strain hyperelastic beam with an active moment per part, by collocation.
 
 Along the reference length X (thesis 2.3, 4.4; signs as in `finger_scene`):
 
-    theta' and lambda from the section law at (M, N),   M = M_ext + M_active,   N = P cos(theta) + Q sin(theta)
+    M(theta', lambda), N(theta', lambda): the section law;   M = M_ext + M_active,   N = P cos(theta) + Q sin(theta)
     M_ext' = lambda (P sin(theta) - Q cos(theta)),   x' = lambda cos(theta),   y' = lambda sin(theta)
-    P = P_tip + g_x (L - X),   Q = Q_tip + g_y (L - X)
+    P = P_tip + g_x (L - X),   Q = Q_tip + g_y (L - X),   M_ext = 0 at the tip
+
+The unknowns are the curvatures theta' at Gauss points of every part: integrals of them give the angles, angles and the
+axial force the stretches, those the moment that the loads exert; the section law's moment must be the same at every
+point (`Line.gaps`). Nothing grows along the beam, whatever pulls at it.
 
 Everything here is a pure number: s = X/L, lengths by L, forces by mu B H, moments by mu B H^2, slenderness = H/L.
 """
@@ -15,31 +19,16 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.shooting import Steps, adaptive, fixed_steps
+from ..numerics.collocation import Points, between, integrals
+from ..numerics.roots import differentiated_once
+from ..numerics.shooting import adaptive
 from .section import SectionLaw
 
 Scalar = Float[Array, ""]
-
-
-class State(NamedTuple):
-    """The beam at one place: angle, external moment, position, and the section's own state.
-
-    The section's state is carried along, by the law's rates, instead of being solved for at every place; so are the
-    cosine and the sine of the angle, whose rates are multiplications.
-    """
-
-    theta: Scalar
-    cosine: Scalar
-    sine: Scalar
-    moment: Scalar
-    x: Scalar
-    y: Scalar
-    z: Scalar
-    """H theta'."""
-    stretch: Scalar
+AtPoints = Float[Array, "parts points"]
+PerPart = Float[Array, " parts"]
 
 
 class Loads(NamedTuple):
@@ -60,53 +49,6 @@ class Cover(NamedTuple):
     loads: Loads
 
 
-def beginning(theta: Scalar, moment: Scalar) -> State:
-    """The state in the origin with this angle and external moment; the section's own is found by `entered`."""
-    zero = jnp.zeros_like(theta)
-    return State(theta, jnp.cos(theta), jnp.sin(theta), moment, zero, zero, zero, zero)
-
-
-def forces(cover: Cover, s: Scalar) -> tuple[Scalar, Scalar]:
-    """(P, Q) at s."""
-    loads, rest = cover.loads, 1 - s
-    return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
-
-
-def section_loads(cover: Cover, s: Scalar, state: State, active: Scalar) -> tuple[Scalar, Scalar]:
-    """(m, n) on the section at s."""
-    p, q = forces(cover, s)
-    return state.moment + active, p * state.cosine + q * state.sine
-
-
-def entered(cover: Cover, s: Scalar, state: State, active: Scalar) -> State:
-    """The state at s with the section's state under M and N: where a part begins, its active moment jumps."""
-    z, stretch = cover.law(*section_loads(cover, s, state, active))
-    return state._replace(z=z, stretch=stretch)
-
-
-def settled(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
-    """The state at s with the section's state corrected by one Newton step: what was carried along has strayed a
-    little from the law, and the more the nearer the inner fibre is to its end."""
-    cover, active = args
-    m, n = section_loads(cover, s, state, active)
-    held_m, held_n = cover.law.loads(state.z, state.stretch)
-    dz, dstretch = cover.law.rates(m, state.z, state.stretch, m - held_m, n - held_n)
-    return state._replace(z=state.z + dz, stretch=state.stretch + dstretch)
-
-
-def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
-    """d(state)/ds."""
-    cover, active = args
-    p, q = forces(cover, s)
-    turn = state.z / cover.slenderness
-    across = p * state.sine - q * state.cosine
-    dm = state.stretch * across / cover.slenderness
-    dn = -across * turn - cover.loads.g_x * state.cosine - cover.loads.g_y * state.sine
-    dz, dstretch = cover.law.rates(state.moment + active, state.z, state.stretch, dm, dn)
-    dx, dy = state.stretch * state.cosine, state.stretch * state.sine
-    return State(turn, -state.sine * turn, state.cosine * turn, dm, dx, dy, dz, dstretch)
-
-
 class Part(NamedTuple):
     """A piece of the beam between two places, with whatever its active moment depends on."""
 
@@ -115,45 +57,95 @@ class Part(NamedTuple):
     chamber: Any
 
 
-class Shot(NamedTuple):
-    """A beam integrated part by part."""
+class Line(NamedTuple):
+    """The beam at its Gauss points and at the ends of its parts."""
 
-    starts: State
-    """States where every part begins, shape (parts,)."""
-    ends: State
-    """States at the end of every part, shape (parts,)."""
-    states: State | None
-    """States after every step, shape (parts, steps); None where the number of steps is not known beforehand."""
-    active: Float[Array, " parts"]
-    """The active moment of every part."""
+    curvature: AtPoints
+    """L theta'."""
+    theta: AtPoints
+    stretch: AtPoints
+    moment: AtPoints
+    """On the section, from its curvature."""
+    external: AtPoints
+    """M_ext: from the loads."""
+    at_clamp: Scalar
+    """M_ext there."""
+    slopes: tuple[AtPoints, AtPoints]
+    """dx/ds, dy/ds."""
+    angles: PerPart
+    """theta at the ends of the parts."""
+    ends: tuple[PerPart, PerPart]
+    """x and y there."""
+
+    def gaps(self, active: PerPart) -> AtPoints:
+        """What the sections carry minus what acts on them."""
+        return self.moment - self.external - active[:, None]
 
 
-def run_part(cover: Cover, state: State, part: Part, active: Scalar, steps: Steps) -> tuple[State, State, State | None]:
-    """(state at the beginning, at the end, and after every step of a part) under a constant active moment."""
-    start = entered(cover, part.low, state, active)
-    return start, *fixed_steps(slopes, start, (cover, active), part.low, part.high, steps, settled)
+def forces(cover: Cover, s: Array) -> tuple[Array, Array]:
+    """(P, Q) at s."""
+    loads, rest = cover.loads, 1 - s
+    return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
 
 
-def shoot(
-    cover: Cover, start: State, parts: Part, active: Float[Array, " parts"], steps: Steps, restarts: State | None
-) -> Shot:
-    """Integrate all parts (leaves of `parts` have a leading axis) with their active moments from the state at s = 0.
+@differentiated_once
+def _at_a_point(cover: Cover, s: Scalar, curvature: Scalar, theta: Scalar) -> tuple[Scalar, ...]:
+    """(M on the section, stretch, dx/ds, dy/ds, dM_ext/ds)."""
+    p, q = forces(cover, s)
+    cosine, sine = jnp.cos(theta), jnp.sin(theta)
+    moment, stretch = cover.law.bent(cover.slenderness * curvature, p * cosine + q * sine)
+    dx, dy = stretch * cosine, stretch * sine
+    return moment, stretch, dx, dy, (p * dy - q * dx) / cover.slenderness
 
-    restarts: states at the beginning of every part but the first, for multiple shooting: the parts then do not depend
-    on each other and run side by side, and that ends meet restarts is the caller's equation.
-    """
 
-    def integrate(state: State, part: tuple[Part, Scalar]):
-        begin, end, states = run_part(cover, state, *part, steps)
-        return end, Shot(begin, end, states, part[1])
+def bend(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: Points) -> Line:
+    """The beam with these curvatures, from the angle at its clamp; the tip is free of moments."""
+    widths = parts.high - parts.low
+    turned, turns = integrals(curvature, widths, points)
+    theta = clamp + turned
+    s = parts.low[:, None] + widths[:, None] * points.places[None]
+    every = jax.vmap(jax.vmap(_at_a_point, (None, 0, 0, 0)), (None, 0, 0, 0))
+    moment, stretch, dx, dy, change = every(cover, s, curvature, theta)
+    external, at_tip = integrals(change, widths, points)
+    x, y = integrals(dx, widths, points)[1], integrals(dy, widths, points)[1]
+    at_clamp = -at_tip[-1]
+    return Line(curvature, theta, stretch, moment, at_clamp + external, at_clamp, (dx, dy), clamp + turns, (x, y))
 
-    if restarts is None:
-        return lax.scan(integrate, start, (parts, active))[1]
-    starts = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]), start, restarts)
-    return jax.vmap(integrate)(starts, (parts, active))[1]
+
+def at_place(line: Line, parts: Part, clamp: Scalar, s: Scalar, points: Points) -> tuple[Scalar, ...]:
+    """(x, y, theta, stretch) at any place, as exact as at the points."""
+    part = jnp.clip(jnp.searchsorted(parts.high, s), 0, len(parts.high) - 1)
+    width = parts.high[part] - parts.low[part]
+    local = (s - parts.low[part]) / width
+
+    def whole(values: Array, start: Scalar, ends: Array) -> Scalar:
+        before = jnp.where(part > 0, ends[part - 1], start)
+        return before + width * between(values, local, part, points)[1]
+
+    zero = jnp.zeros_like(s)
+    x, y = (whole(slope, zero, end) for slope, end in zip(line.slopes, line.ends, strict=True))
+    return x, y, whole(line.curvature, clamp, line.angles), between(line.stretch, local, part, points)[0]
+
+
+class State(NamedTuple):
+    """The beam at one place, as an initial-value problem: angle, external moment, position."""
+
+    theta: Scalar
+    moment: Scalar
+    x: Scalar
+    y: Scalar
+
+
+def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
+    """d(state)/ds, with the section's state solved for at every place."""
+    cover, active = args
+    p, q = forces(cover, s)
+    cosine, sine = jnp.cos(state.theta), jnp.sin(state.theta)
+    z, stretch = cover.law(state.moment + active, p * cosine + q * sine)
+    dx, dy = stretch * cosine, stretch * sine
+    return State(z / cover.slenderness, (p * dy - q * dx) / cover.slenderness, dx, dy)
 
 
 def reference_shot(cover: Cover, start: State, part: Part, active: Scalar, tolerance: float) -> State:
-    """The end of one part by adaptive steps: what the fixed steps are measured against."""
-    begin = entered(cover, part.low, start, active)
-    return adaptive(slopes, begin, (cover, active), part.low, part.high, tolerance)
+    """The end of one part by diffrax's adaptive steps from its beginning: what collocation is measured against."""
+    return adaptive(slopes, start, (cover, active), part.low, part.high, tolerance)

@@ -19,7 +19,7 @@ from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
 from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
-from ..numerics.roots import bracketed_root, implicit
+from ..numerics.roots import bracketed_root, differentiated_once, implicit
 from ..results import Solution, Status, gate
 from ..scene import contact_pressure as scene_contact_pressure
 from ..scene import frozen, limit_pressure, solve
@@ -243,6 +243,7 @@ def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
     return limit_pressure(scene)
 
 
+@differentiated_once
 def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
     """M_T of `Chamber`, N m, for inner loops. Zero, with zero derivatives, below contact; NaN where there is none.
 
@@ -261,7 +262,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         angle, touching = found.unknowns, found.status == Status.OK
         inside = touching | (found.status == Status.NO_CONTACT)
     scene, pressure = gate(touching, (scene, pressure))
-    angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure), in_scan=True)
+    angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
 

@@ -13,31 +13,33 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
-from ..numerics.paths import Fine
+from ..numerics.collocation import Points, gauss_points
 from ..path_scene import PathScene, Span
-from .beam import Cover, Loads, Part, Shot, State, beginning, shoot, slopes
+from ..results import Status
+from .beam import Cover, Line, Loads, Part, at_place, bend
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
 
 Scalar = Float[Array, ""]
 
-STEPS = 12
-"""Dopri8 steps along a finger: 1e-10 of the tip force at half the fold's moment, 3e-9 at the fold, 1e-7 in tests of
-random fingers under weights and pulls; 4 steps: 1e-7, 5e-6; 8 steps: 1e-9, 6e-8."""
-ROUGH_STEPS = 2
-"""In each part. Two steps know the tip force to 1e-8 at half the fold's moment, to 1e-3 at the fold, and find the way.
-One would do at half the fold, but has folds of its own near it."""
+POINTS = 16
+"""Gauss points along a finger."""
+PART_POINTS = 3
+"""At least so many in each of several parts: order 6."""
+SMOOTH_GROWTH = 4.0
+"""Under strong tension bending decays like e^-growth along a finger, in a layer at each end; up to e^4 the points that
+are there know it. Beyond, one more point for each unit of growth does."""
+ROUGH = 0.02
+"""Of the curvature's spectrum: tip forces are then right to about a thousandth, what is integrated being right to the
+square."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
-LARGEST_GROWTH = 4.0
-"""Single shooting up to e^4 = 55: rounding then stays near 1e-14 at the tip."""
-RESTARTS = 8
-"""Parts of multiple shooting: under 1 N, L = 300 mm a perturbation grows by e^28 along the beam, e^3.5 in a part."""
 
 
 def to_weight(value: Any) -> Any:
@@ -62,19 +64,17 @@ class PartChamber(NamedTuple):
 
 
 class Bent(NamedTuple):
-    """A beam as integrated from given unknowns."""
+    """A beam with given unknowns."""
 
     cover: Cover
     parts: Part
-    start: State
-    shot: Shot
+    line: Line
+    active: Array
+    """The active moment of every part."""
     gaps: Array
-    """Mismatches: where parts meet, in multiple shooting; of the inclinations, where they couple."""
-
-    @property
-    def end(self) -> State:
-        """The state at the tip."""
-        return jax.tree.map(lambda v: v[-1], self.shot.ends)
+    """Mismatches of moments, over EI / L."""
+    turned: Array
+    """The turn of every part, positive where it bends as the chambers push."""
 
 
 class FingerScene(PathScene):
@@ -93,22 +93,17 @@ class FingerScene(PathScene):
         weight: Array | None
         section: str
         inclination: str
-        shooting: str
-        steps: int
-
-    def has_rough_way(self):
-        # Inclinations that couple are found part by part, with steps of their own.
-        return self.inclination == "none" and self.chambers()[1] > ROUGH_STEPS
+        points: int
 
     def prepared(self):
-        """Multiple shooting where a perturbation would grow too much along the beam (needs known numbers)."""
-        known = jax.tree.leaves(self)
-        if self.shooting != "auto" or not is_concrete(*known):
+        """With more points where loads that are known numbers bend the beam in thin layers."""
+        if not is_concrete(*jax.tree.leaves(self)):
             return self
         finger = self.finger
         with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
             growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / self.stiffness()))))
-        return dataclasses.replace(self, shooting="multiple" if growth > LARGEST_GROWTH else "single")
+        more = int(np.ceil(growth - SMOOTH_GROWTH))
+        return dataclasses.replace(self, points=self.points + more) if more > 0 and np.isfinite(growth) else self
 
     def stiffness(self) -> Scalar:
         """EI = mu B H^3 / 3 (plane strain), N m^2."""
@@ -122,40 +117,20 @@ class FingerScene(PathScene):
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar, fine: Fine) -> Bent:
-        """The beam from its unknowns.
-
-        unknowns: M(0) in units of EI/L; for multiple shooting (theta, M) where each further part begins; where it
-        couples, the inclination of every part.
-        """
-        parts, steps = self.chambers()
-        count, restarted = parts.low.shape[0], 1 + self.restart_unknowns()
-        if fine is not True:
-            steps = jnp.where(fine, steps, ROUGH_STEPS)
+    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar) -> Bent:
+        """The beam from its unknowns: the curvatures L theta' at all points, each times the root of its weight, so
+        that their norm is that of the curvature along the beam."""
+        parts, points = self.chambers()
+        widths = parts.high - parts.low
+        curvature = unknowns.reshape(len(widths), -1) / jnp.sqrt(widths[:, None] * points.weights[None])
         cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
-        unit = cover.slenderness / 3
-        start = beginning(self.clamp() + 0 * unknowns[0], unknowns[0] * unit)
-        inclinations = unknowns[restarted:] if self.inclination != "none" else jnp.zeros(count)
+        line = bend(cover, self.clamp(), parts, curvature, points)
+        turned = -widths * (curvature @ points.weights)
         # A part that bends backwards keeps parallel walls.
-        active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, jnp.maximum(inclinations, 0.0))
-        if self.shooting != "multiple":
-            shot, gaps = shoot(cover, start, parts, active, steps, None), jnp.zeros(0)
-        else:
-            theta, moment = unknowns[1:restarted].reshape(2, -1)
-            shot = shoot(cover, start, parts, active, steps, jax.vmap(beginning)(theta, moment * unit))
-            gaps = jnp.concatenate([shot.ends.theta[:-1] - theta, shot.ends.moment[:-1] / unit - moment])
-            # Nothing depends on x and y along the way: parts that began at the origin move to where the last ended.
-            x, y = jnp.cumsum(shot.ends.x), jnp.cumsum(shot.ends.y)
-            before_x, before_y = (jnp.concatenate([jnp.zeros(1), v[:-1]]) for v in (x, y))
-            states = shot.states
-            if states is not None:
-                states = states._replace(x=states.x + before_x[:, None], y=states.y + before_y[:, None])
-            starts, ends = shot.starts._replace(x=before_x, y=before_y), shot.ends._replace(x=x, y=y)
-            shot = Shot(starts, ends, states, shot.active)
-        if self.inclination != "none":
-            turned = shot.starts.theta - shot.ends.theta
-            gaps = jnp.concatenate([gaps, inclinations - parts.chamber.share * turned])
-        return Bent(cover, parts, start, shot, gaps)
+        inclinations = jnp.maximum(parts.chamber.share * turned, 0.0)
+        active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
+        gaps = line.gaps(active).reshape(-1) * 3 / cover.slenderness
+        return Bent(cover, parts, line, active, gaps, turned)
 
     def clamp(self) -> Scalar:
         """theta(0), rad."""
@@ -165,35 +140,23 @@ class FingerScene(PathScene):
         """The section law of the cover."""
         return section_law(self.section, self.finger.material)
 
-    def restart_unknowns(self) -> int:
-        """How many unknowns multiple shooting adds."""
-        if self.shooting != "multiple":
-            return 0
-        return 2 * (self.chambers()[0].low.shape[0] - 1)
+    def straight(self) -> Array:
+        """The unknown curvatures of a finger without load."""
+        parts, points = self.chambers()
+        return jnp.zeros(len(parts.low) * len(points.places))
 
-    def resting(self, held: int) -> Array:
-        """The unknowns of a straight finger without load: zeros, and the clamp angle in every part."""
-        half = self.restart_unknowns() // 2
-        inclinations = 0 if self.inclination == "none" else self.chambers()[0].low.shape[0]
-        angles = jnp.broadcast_to(self.clamp(), (half,))
-        return jnp.concatenate([jnp.zeros(1 + held), angles, jnp.zeros(half + inclinations)])
-
-    def chambers(self) -> tuple[Part, int]:
-        """The parts of the beam and the steps in each: one part where all chambers push alike."""
+    def chambers(self) -> tuple[Part, Points]:
+        """The parts of the beam and the points in each: one part where all chambers push alike."""
         finger = self.finger
         count = finger.segments or (1 if self.inclination == "none" else INCLINATION_PARTS)
-        steps = max(1, -(-self.steps // count))
-        if self.shooting == "multiple":
-            # The boundary layers of the finger above are 1/28 of its length: all steps in every part.
-            steps = self.steps
-            count = RESTARTS if count == 1 else count
+        points = gauss_points(self.points if count == 1 else max(PART_POINTS, 1 - (-self.points // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]
         lengths = pitch / jnp.sum(pitch)
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
         # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
         share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
-        return Part(bounds[:-1], bounds[1:], PartChamber(fields, share / (lengths * finger.L))), steps
+        return Part(bounds[:-1], bounds[1:], PartChamber(fields, share / (lengths * finger.L))), points
 
     def with_chamber(self, chamber: PartChamber) -> PneuNet:
         """The finger with one part's dimensions."""
@@ -231,47 +194,35 @@ class FingerScene(PathScene):
         scale = share * self.finger.L / self.finger.force_scale()
         return self.weight[0] * scale, self.weight[1] * scale
 
+    def settled(self, found):
+        """Not converged, too, where the curvatures vary by more between the points than the points can tell."""
+        found = super().settled(found)
+        unsure = self.roughness(lax.stop_gradient(found.unknowns)) > ROUGH
+        return found._replace(
+            status=jnp.where((found.status == Status.OK) & unsure, Status.NOT_CONVERGED, found.status)
+        )
+
+    def roughness(self, unknowns: Array) -> Scalar:
+        """The last part of the curvatures' spectrum over all of it: an estimate of their error from above."""
+        parts, points = self.chambers()
+        count = len(points.places)
+        curvature = unknowns[-len(parts.low) * count :].reshape(-1, count) / np.sqrt(points.weights)[None]
+        spectrum = jnp.abs(curvature @ points.spectrum.T)
+        last = -max(1, count // 4)
+        return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
+
     def beam_observables(self, bent: Bent) -> dict[str, Array]:
         """What every finger reports."""
-        finger, end = self.finger, bent.end
+        finger, line = self.finger, bent.line
         return {
-            "tip": jnp.stack([end.x, end.y]) * finger.L,
-            "tip_angle": self.clamp() - end.theta,
-            "end_moment": -bent.shot.active[-1] * finger.moment_scale(),
+            "tip": jnp.stack([end[-1] for end in line.ends]) * finger.L,
+            "tip_angle": self.clamp() - line.angles[-1],
+            "end_moment": -bent.active[-1] * finger.moment_scale(),
         }
 
     def beam_profile(self, bent: Bent, n: int) -> dict[str, Array]:
-        """X, x, y (m), theta (rad) and stretch at n points, by cubic Hermite interpolation between the steps."""
-        assert bent.shot.states is not None  # a number of steps that is known
-        count, steps = bent.shot.states.theta.shape
-        nodes = jax.tree.map(lambda s, v: jnp.concatenate([s[:, None], v], axis=1), bent.shot.starts, bent.shot.states)
-        places = bent.parts.low[:, None] + (bent.parts.high - bent.parts.low)[:, None] * jnp.linspace(0, 1, steps + 1)
-        at_nodes = jax.vmap(jax.vmap(lambda s, state, active: slopes(s, state, (bent.cover, active)), (0, 0, None)))
-        rates = at_nodes(places, nodes, bent.shot.active)
-
-        def at(s):
-            part = jnp.clip(jnp.searchsorted(bent.parts.high, s), 0, count - 1)
-            local = (s - bent.parts.low[part]) / (bent.parts.high[part] - bent.parts.low[part]) * steps
-            k = jnp.clip(jnp.floor(local).astype(int), 0, steps - 1)
-            width = (bent.parts.high[part] - bent.parts.low[part]) / steps
-            return jax.tree.map(
-                lambda v, r: _cubic(v[part, k], v[part, k + 1], r[part, k] * width, r[part, k + 1] * width, local - k),
-                nodes,
-                rates,
-            )
-
-        s = jnp.linspace(0.0, 1.0, n)
-        state = jax.vmap(at)(s)
-        length = self.finger.L
-        return {
-            "X": s * length,
-            "x": state.x * length,
-            "y": state.y * length,
-            "theta": state.theta,
-            "stretch": state.stretch,
-        }
-
-
-def _cubic(y0: Scalar, y1: Scalar, d0: Scalar, d1: Scalar, t: Scalar) -> Scalar:
-    """The cubic with values y0, y1 and slopes d0, d1 (per unit t) at t = 0 and 1."""
-    return y0 + t * (d0 + t * (3 * (y1 - y0) - 2 * d0 - d1 + t * (2 * (y0 - y1) + d0 + d1)))
+        """X, x, y (m), theta (rad) and stretch at n places."""
+        points = self.chambers()[1]
+        s, length = jnp.linspace(0.0, 1.0, n), self.finger.L
+        x, y, theta, stretch = jax.vmap(lambda s: at_place(bent.line, bent.parts, self.clamp(), s, points))(s)
+        return {"X": s * length, "x": x * length, "y": y * length, "theta": theta, "stretch": stretch}

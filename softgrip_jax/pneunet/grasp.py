@@ -18,8 +18,8 @@ from ..results import Status, gate
 from ..scene import frozen, solve
 from ..units import GRAVITY
 from .finger import PneuNet
-from .finger_scene import STEPS, Scalar, to_weight
-from .scenes import INCLINATIONS, SECTIONS, SHOOTING, HeldTip
+from .finger_scene import POINTS, Scalar, to_weight
+from .scenes import INCLINATIONS, SECTIONS, HeldTip
 
 
 class Gripper(Checked):
@@ -60,7 +60,7 @@ class Grasp(HeldTip):
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
         weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
-        section, inclination, shooting, steps: as in TipContact.
+        section, inclination, points: as in TipContact.
 
     required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
     mu_f(F) F over that load: 1 is just held.
@@ -73,8 +73,7 @@ class Grasp(HeldTip):
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(2.0, 0.0))
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
-    shooting: str = choice(*SHOOTING, default="auto")
-    steps: int = count(default=STEPS)
+    points: int = count(default=POINTS)
 
     OBSERVABLES: ClassVar = {
         "tip_force": "force",
@@ -116,8 +115,8 @@ class Grasp(HeldTip):
             raise ValueError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def measured(self, unknowns, share, pressure, fine=True):
-        residual, observed = super().measured(unknowns, share, pressure, fine)
+    def measured(self, unknowns, share, pressure):
+        residual, observed = super().measured(unknowns, share, pressure)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])
@@ -143,12 +142,12 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
     def slack(scene, mass, unknowns):
         """Required minus exerted force over EI / L^2: rises through zero at the largest mass."""
         with_mass = scene.with_mass(mass)
-        exerted = friction_force(scene.object.friction, unknowns[1] * scene.held_unit())
+        exerted = friction_force(scene.object.friction, unknowns[0] * scene.held_unit())
         return (with_mass.load() - exerted) / scene.held_unit()
 
     empty = fixed.with_mass(jnp.zeros_like(unit)).find(p)
 
-    def along(u, _, args):
+    def along(u, args):
         scene, pressure, unit = args
         mass = u[-1] * unit
         return scene.with_mass(mass).residual(u[:-1], pressure), slack(scene, mass, u[:-1])
@@ -158,7 +157,7 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
     scene, pressure = gate(ok, (grasp, pressure))
 
     def equations(u, args):
-        return jnp.append(*along(u, True, args))
+        return jnp.append(*along(u, args))
 
     mass = implicit(equations, end.point.u, (scene, pressure, unit))[-1] * unit
     return jnp.where(ok, jnp.maximum(mass, 0.0), jnp.nan)

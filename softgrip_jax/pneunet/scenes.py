@@ -10,21 +10,19 @@ from jaxtyping import Array, Float
 
 from ..checked import admissible, choice, count, finite, part, vector
 from ..membrane import arc_chain
-from ..numerics.paths import Fine
 from ..numerics.roots import bracketed_root
 from ..results import Status
 from ..scene import Found
 from .beam import Loads
 from .finger import PneuNet
-from .finger_scene import STEPS, Bent, FingerScene, Scalar, to_weight
+from .finger_scene import POINTS, Bent, FingerScene, Scalar, to_weight
 
 SECTIONS = ("exact", "thesis", "inextensible")
 INCLINATIONS = ("segment", "gap", "none")
-SHOOTING = ("auto", "single", "multiple")
 
 
 class HeldTip(FingerScene):
-    """A finger whose tip is held at some y: the unknowns are M(0) and the force that holds it.
+    """A finger whose tip is held at some y: the unknowns are the force that holds it and the curvatures.
 
     Equations (4.49), (4.50), (4.59)-(4.63).
     """
@@ -38,7 +36,7 @@ class HeldTip(FingerScene):
         """The y (m) at which a tip at x (m) is held."""
 
     def rest(self):
-        return self.resting(1)
+        return jnp.append(0.0, self.straight())
 
     def largest_force(self):
         weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L
@@ -52,20 +50,20 @@ class HeldTip(FingerScene):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
 
-    def bend(self, unknowns: Array, share: Scalar, pressure: Scalar, fine: Fine = True) -> Bent:
-        """The beam from (M(0), tip force, restarts...)."""
-        return self.beam(jnp.concatenate([unknowns[:1], unknowns[2:]]), unknowns[1], share, pressure, fine)
+    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar) -> Bent:
+        """The beam from (tip force, curvatures)."""
+        return self.beam(unknowns[1:], unknowns[0], share, pressure)
 
-    def measured(self, unknowns, share, pressure, fine=True):
-        bent = self.bend(unknowns, share, pressure, fine)
+    def measured(self, unknowns, share, pressure):
+        bent = self.bent(unknowns, share, pressure)
         length = self.finger.L
-        offset = share * self.offset_at(bent.end.x * length) / length
-        held = jnp.stack([bent.end.moment * 3 / bent.cover.slenderness, bent.end.y - offset])
-        observed = {"tip_force": unknowns[1] * self.held_unit()} | self.beam_observables(bent)
-        return jnp.concatenate([held, bent.gaps]), observed
+        x, y = (end[-1] for end in bent.line.ends)
+        away = y - share * self.offset_at(x * length) / length
+        observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
+        return jnp.append(away, bent.gaps), observed
 
     def profile(self, unknowns, pressure, n):
-        return self.beam_profile(self.bend(unknowns, jnp.ones_like(pressure), pressure), n)
+        return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
 
 
 class TipContact(HeldTip):
@@ -77,11 +75,9 @@ class TipContact(HeldTip):
         tip_pull: H_ext, force on the tip along +x, N.
         weight: (g_x, g_y), N/m; None or (0, 0) for none.
         section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
-        shooting: "single", "multiple" (well-conditioned under strong tension), or "auto": chosen from the loads where
-            they are known numbers. Under vmap or jit of the loads "auto" is single, and strong tension then comes back
-            as NOT_CONVERGED: pass "multiple" there.
-        steps: steps of order 8 along the beam (in each part of multiple shooting): 4, 8 and 12 leave 5e-6, 6e-8 and
-            3e-9 of the tip force at the limit pressure, and a fiftieth of that at half of it.
+        points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
+            known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
+            for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
 
     tip_force is Lambda: positive when the tip pushes towards -y.
     """
@@ -92,8 +88,7 @@ class TipContact(HeldTip):
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=None)
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
-    shooting: str = choice(*SHOOTING, default="auto")
-    steps: int = count(default=STEPS)
+    points: int = count(default=POINTS)
 
     OBSERVABLES = {"tip_force": "force", "tip": "position", "tip_angle": "angle", "end_moment": "moment"}
 
@@ -123,7 +118,7 @@ class Free(FingerScene):
         section, inclination: as in FingerScene.
         combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
-        shooting, steps: as in TipContact.
+        points: as in TipContact.
 
     Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
     scalar root per part where the inclination couples.
@@ -136,8 +131,7 @@ class Free(FingerScene):
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="segment")
     combination: str = choice("sum", "larger", default="sum")
-    shooting: str = choice(*SHOOTING, default="auto")
-    steps: int = count(default=STEPS)
+    points: int = count(default=POINTS)
 
     OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
@@ -157,25 +151,23 @@ class Free(FingerScene):
         tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
         return Loads(tip[0], tip[1], *self.weights(share))
 
+    def roughness(self, unknowns):
+        return jnp.zeros(()) if self.is_arcs() else super().roughness(unknowns)
+
     def is_unloaded(self):
         if self.is_arcs():
             return jnp.asarray(self.combination == "sum")
         return jnp.all(jnp.stack([jnp.all(v == 0) for v in (self.weight, self.tip_load) if v is not None]))
 
-    def has_rough_way(self):
-        return not self.is_arcs() and super().has_rough_way()
-
     def rest(self):
-        return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.resting(0)
+        return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
-    def measured(self, unknowns, share, pressure, fine=True):
+    def measured(self, unknowns, share, pressure):
         if self.is_arcs():
             return self.measured_arcs(unknowns, pressure)
-        bent = self.beam(unknowns, None, share, pressure, fine)
-        turned = bent.shot.starts.theta - bent.shot.ends.theta
-        inclination = jnp.maximum(bent.parts.chamber.share * turned, 0.0)
-        observed = self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
-        return jnp.concatenate([bent.end.moment[None] * 3 / bent.cover.slenderness, bent.gaps]), observed
+        bent = self.beam(unknowns, None, share, pressure)
+        inclination = jnp.maximum(bent.parts.chamber.share * bent.turned, 0.0)
+        return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
     # --- circular arcs: the unknowns are the moments of the parts, in units of EI/L, positive in the bending direction
 
@@ -247,7 +239,7 @@ class Free(FingerScene):
 
     def profile(self, unknowns, pressure, n):
         if not self.is_arcs():
-            return self.beam_profile(self.beam(unknowns, None, jnp.ones_like(pressure), pressure, True), n)
+            return self.beam_profile(self.beam(unknowns, None, jnp.ones_like(pressure), pressure), n)
         turned, stretch, lengths = self.turns(unknowns)
         x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.

@@ -20,7 +20,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..materials import Material, MooneyRivlin, NeoHookean
-from ..numerics.roots import bracketed_root, implicit, solve_small
+from ..numerics.roots import bracketed_root, implicit, newton_bracketed, solve_small
+from ..results import gate
 from .finger import PneuNet
 
 Scalar = Float[Array, ""]
@@ -38,8 +39,15 @@ class SectionLaw(eqx.Module):
         """(m, n) that hold the curvature z and the stretch."""
 
     @abc.abstractmethod
-    def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
-        """(dz, dlambda) that follow changes of the loads at a state (z, lambda) under the moment m; no solve."""
+    def stretches(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Of the stretch at a curvature under an axial force: a bound from below, one from above, a good guess."""
+
+    def bent(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+        """(m, lambda) at the curvature z under the axial force n: one state for any pair, unlike under (m, n)."""
+        law, *given = lax.stop_gradient((self, z, n))
+        found = newton_bracketed(lambda x: law.loads(given[0], x)[1] - given[1], *law.stretches(*given)).x
+        stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
+        return self.loads(z, stretch)[0], stretch
 
 
 class Inextensible(SectionLaw):
@@ -52,8 +60,12 @@ class Inextensible(SectionLaw):
         """(z/3, NaN): an inextensible line carries any axial force."""
         return z / 3, jnp.full_like(z, jnp.nan)
 
-    def rates(self, m, z, stretch, dm, dn):
-        return 3 * dm, jnp.zeros_like(dm)
+    def stretches(self, z, n):
+        one = jnp.ones_like(z)
+        return one, one, one
+
+    def bent(self, z, n):
+        return z / 3, 1 + 0 * z
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w = z^2 / 6."""
@@ -107,8 +119,18 @@ class ExactNeoHookean(SectionLaw):
         w = z * z / stretch**4
         return z * bending_factor(w, square / stretch**4) / stretch**6, stretch - stretch / square
 
-    def rates(self, m, z, stretch, dm, dn):
-        """By the inverse of the Hessian of w, whose m_z = ((1 - u^2)^-2 - 2 k) / lambda^6; NaN where a fibre vanishes.
+    def stretches(self, z, n):
+        # n rises from minus infinity where the inner fibre vanishes (or at lambda = n); without n, lambda^4 = 1 + z^2.
+        low = jnp.maximum(jnp.sqrt(jnp.abs(z)), n)
+        square = jnp.sqrt(1 + z * z)
+        guess = jnp.sqrt(square) + n * (0.25 + 0.09375 * n / jnp.sqrt(square)) / square
+        return low, jnp.sqrt(jnp.abs(z)) + jnp.maximum(n, 0.0) + 1.5, guess
+
+    def bent(self, z, n):
+        return _exact_bent(z, n)
+
+    def stiffness(self, m: Scalar, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """The Hessian of w, (m_z, n_z = m_lambda, n_lambda), with m_z = ((1 - u^2)^-2 - 2 k) / lambda^6.
 
         The moment is known, so k = m lambda^2 z / w needs no logarithm; towards w = 0 its series takes over, smoothly.
         """
@@ -120,11 +142,8 @@ class ExactNeoHookean(SectionLaw):
         weight = NEAR_STRAIGHT * jnp.maximum(1 - w / NEAR_STRAIGHT, 0.0) ** 3
         k = (m * l2 * z + weight * series) / (w + weight)
         inverse = 1 / jnp.where(z2 < l4, l4 - z2, jnp.nan)
-        m_z = ((l4 * inverse) ** 2 - 2 * k) / (l4 * l2)
-        n_z = -2 * stretch * z * inverse**2
-        n_l = 1 + (3 * l4 + z2) * inverse**2
-        scale = 1 / (m_z * n_l - n_z * n_z)
-        return (n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale
+        square = inverse * inverse
+        return (l4 * l4 * square - 2 * k) / (l4 * l2), -2 * stretch * z * square, 1 + (3 * l4 + z2) * square
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w, zero at rest: (lambda^2 + atanh(u)/(u lambda^2) - 2) / 2."""
@@ -147,11 +166,44 @@ def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
 
 @_exact_state.defjvp
 def _exact_state_jvp(primals, tangents):
-    """dz, dlambda by the law's rates (differentiable again)."""
+    """dz, dlambda by the inverse of the Hessian (differentiable again)."""
     z, stretch = _exact_state(*primals)
-    return (z, stretch), ExactNeoHookean().rates(primals[0], z, stretch, *tangents)
+    dm, dn = tangents
+    m_z, n_z, n_l = ExactNeoHookean().stiffness(primals[0], z, stretch)
+    scale = 1 / (m_z * n_l - n_z * n_z)
+    return (z, stretch), ((n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale)
 
 
+@jax.custom_jvp
+def _exact_bent(z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+    """(m, lambda): Newton's method for (lambda - n) (lambda^4 - z^2) = lambda, and a bracketed search where a few steps
+    did not do."""
+    law = ExactNeoHookean()
+    low, high, stretch = law.stretches(z, n)
+    move = jnp.zeros_like(stretch)
+    for _ in range(BENT_STEPS):
+        cube = stretch * stretch * stretch
+        square = stretch * cube - z * z
+        move = ((stretch - n) * square - stretch) / (square + 4 * cube * (stretch - n) - 1)
+        stretch = stretch - move
+    done = (jnp.abs(move) <= CONVERGED * stretch) & (stretch > low)
+    careful = newton_bracketed(lambda x: law.loads(z, x)[1] - n, low, jnp.where(done, low, high), stretch).x
+    stretch = jnp.where(done, stretch, careful)
+    return law.loads(z, stretch)[0], stretch
+
+
+@_exact_bent.defjvp
+def _exact_bent_jvp(primals, tangents):
+    """dlambda from dn = n_z dz + n_lambda dlambda, and dm = m_z dz + n_z dlambda (differentiable again)."""
+    m, stretch = _exact_bent(*primals)
+    dz, dn = tangents
+    m_z, n_z, n_l = ExactNeoHookean().stiffness(m, primals[0], stretch)
+    dstretch = (dn - n_z * dz) / n_l
+    return (m, stretch), (m_z * dz + n_z * dstretch, dstretch)
+
+
+BENT_STEPS = 4
+"""From a start that is good to 1e-2 for |n| < 0.3."""
 LARGEST_MOMENT = 0.5
 """sup |m| of the exact law."""
 NEWTON_STEPS = 3
@@ -253,14 +305,13 @@ class Thesis(SectionLaw):
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)
         found = _rising_root(m, n)
-        stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n), in_scan=True)
+        stretch = implicit(lambda x, args: _thesis_tension(x, args[0]) - args[1], found, (m, n))
         return 3 * m * stretch**7, stretch
 
-    def rates(self, m, z, stretch, dm, dn):
-        """From f(lambda) = n and z = 3 m lambda^7; NaN behind the maximum of f."""
-        slope = 1 + 3 * stretch**-4 - 45 * m * m * stretch**4
-        dstretch = (dn + 18 * m * stretch**5 * dm) / jnp.where(slope > 0, slope, jnp.nan)
-        return 3 * stretch**7 * dm + 21 * m * stretch**6 * dstretch, dstretch
+    def stretches(self, z, n):
+        # Without n: lambda^10 - lambda^6 = z^2.
+        guess = (1 + 2.5 * z * z) ** 0.1
+        return jnp.maximum(n, 0.0), jnp.maximum(n, 0.0) + 1.5 + guess, guess + 0.25 * n
 
     def loads(self, z, stretch):
         bent = z / stretch
@@ -324,12 +375,24 @@ class ExactQuadrature(SectionLaw):
     def loads(self, z, stretch):
         return jax.grad(self.energy, argnums=(0, 1))(z, stretch)
 
-    def rates(self, m, z, stretch, dm, dn):
-        held = self.holds(z, stretch)
-        z, stretch = jnp.where(held, z, 0.0), jnp.where(held, stretch, 1.0)
-        stiffness = jnp.stack([jnp.stack(row) for row in jax.hessian(self.energy, argnums=(0, 1))(z, stretch)])
-        change = solve_small(stiffness, jnp.stack([dm, dn]))
-        return jnp.where(held, change[0], jnp.nan), jnp.where(held, change[1], jnp.nan)
+    def stretches(self, z, n):
+        low = jnp.sqrt(jnp.abs(z))
+        return low, low + jnp.maximum(n, 0.0) + LARGEST_STRETCH, ExactNeoHookean().stretches(z, n)[2]
+
+    def bent(self, z, n):
+        law, *given = lax.stop_gradient((self, z, n))
+
+        def surplus(x):
+            """Axial force over what is wanted; too much where a fibre cannot follow."""
+            held = law.holds(given[0], x)
+            return jnp.where(held, law.loads(given[0], jnp.where(held, x, LARGEST_STRETCH))[1] - given[1], jnp.inf)
+
+        found = newton_bracketed(surplus, *law.stretches(*given)).x
+        held = law.holds(given[0], found)
+        law, z, n = gate(held, (self, z, n))
+        z, found = jnp.where(held, z, 0.0), jnp.where(held, found, 1.0)
+        stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (law, z, n))
+        return jnp.where(held, law.loads(z, stretch)[0], jnp.nan), jnp.where(held, stretch, jnp.nan)
 
     def holds(self, z: Scalar, stretch: Scalar) -> Bool[Array, ""]:
         """True where both outer fibres exist and the material can follow them (beyond a lock, stresses lie)."""
@@ -347,7 +410,7 @@ class ExactQuadrature(SectionLaw):
             law, wanted = args
             return jnp.stack(law.loads(y[0], y[1])) - wanted
 
-        state = implicit(residual, found, (self, wanted), in_scan=True)
+        state = implicit(residual, found, (self, wanted))
         return state[0], state[1]
 
 
