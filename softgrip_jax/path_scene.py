@@ -16,7 +16,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import admissible
-from .numerics.paths import FOLD, REACHED, fold_load, follow, trace
+from .numerics.paths import FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
 from .scene import Found, Scene, frozen
@@ -25,6 +25,11 @@ Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
 Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
 """(what it needs, point u, what is observed there) -> a number that rises through zero where a search ends."""
+
+
+LATER = 2.0
+BEGINNING = 1e-3
+"""Of the way under pressure, where it begins to be followed."""
 
 
 class Span(NamedTuple):
@@ -37,14 +42,20 @@ class Span(NamedTuple):
     """A typical change of pressure: the unit along the path."""
     end: Scalar
     """Where the actuator's own model ends."""
+    early: Scalar
+    """How fast the way goes at first: the place is x (x + early) / (x + LATER) at begin + step x. What chambers do grows
+    with the square of x before it grows with x, and so does the place where this is small; at LATER it is x itself."""
 
     def place_of(self, pressure: Scalar) -> Scalar:
         """The last entry of u at a pressure."""
-        return self.loading + jnp.maximum(pressure - self.begin, 0) / self.step
+        x = jnp.maximum(pressure - self.begin, 0) / self.step
+        return self.loading + x * (x + self.early) / (x + LATER)
 
     def pressure_at(self, u: Vector) -> Scalar:
         """The pressure at a point of the path."""
-        return self.begin + self.step * jnp.maximum(u[-1] - self.loading, 0)
+        place = jnp.maximum(u[-1] - self.loading, 0)
+        half = 0.5 * (place - self.early)
+        return self.begin + self.step * (half + jnp.sqrt(half * half + LATER * place))
 
     def share_at(self, u: Vector) -> Scalar:
         """The share of the loads there: they arrive with zero slope, no kink for the tangent."""
@@ -84,6 +95,10 @@ class PathScene(Scene):
     def _start(self, span: Span) -> Vector:
         return jnp.append(self.rest(), jnp.where(self.is_unloaded(), span.loading, 0.0))
 
+    def _begun(self, u: Vector, span: Span, most: Scalar | float = jnp.inf) -> Vector:
+        """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
+        return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
+
     def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> tuple[Vector, Array, Array]:
         """(point u, status, iterations) where goal(context, ...) rises through zero along the path from `start`."""
 
@@ -92,7 +107,9 @@ class PathScene(Scene):
             residual, observed = scene.measured(u[:-1], span.share_at(u), span.pressure_at(u))
             return residual, goal(context, u, observed)
 
-        end = follow(equations, start, (self, context, span))
+        # Where the pressure alone acts the path is nearly straight.
+        first = jnp.where(start[-1] >= span.loading, LARGEST_STEP, FIRST_STEP)
+        end = follow(equations, start, (self, context, span), first)
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
@@ -105,7 +122,7 @@ class PathScene(Scene):
         span = self.pressure_span()
         wanted = span.place_of(pressure)
         reachable = jnp.minimum(wanted, span.place_of(span.end))
-        u, status, steps = self._search(self._start(span), _to_place, reachable, span)
+        u, status, steps = self._search(self._begun(self._start(span), span, reachable), _to_place, reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
         return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
@@ -116,7 +133,7 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._start(span), _to_place, span.place_of(span.end), span)
+        u, status, _ = self._search(self._begun(self._start(span), span), _to_place, span.place_of(span.end), span)
         at_fold = status == Status.BEYOND_LIMIT
         pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
@@ -151,6 +168,7 @@ class PathScene(Scene):
                 is_loading, value, loading = context
                 return jnp.where(is_loading, u[-1] - loading, surplus(value, u, observed))
 
+            u = jnp.where(is_loading, u, fixed._begun(u, span))
             u, *found = fixed._search(u, goal, (is_loading, value, span.loading), span)
             return u.at[-1].set(jnp.where(is_loading, span.loading, u[-1])), (u, *found)
 

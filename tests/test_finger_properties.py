@@ -100,16 +100,19 @@ def test_a_state_keeps_the_equations_that_it_was_made_of(drawn):
         # The foot's moment by the balance of the whole finger: SciPy then runs from there to the tip.
         stiffness = f["mu"] * f["B"] * f["H"] ** 3 / 3
         scene = contact(f, "exact", offset, pull, weight)
-        unknowns = np.asarray(FOOT(scene, jnp.asarray(p * 1e6)))
+        foot = float(FOOT(scene, jnp.asarray(p * 1e6))) * f["mu"] * f["B"] * f["H"] ** 2
         end = ref.integrate(
-            f, "exact", [(f["L"], ref.end_moment(f, p))], [0.0, unknowns[0] * stiffness / f["L"], 0.0, 0.0],
+            f, "exact", [(f["L"], ref.end_moment(f, p))], [0.0, foot, 0.0, 0.0],
             ((pull, found["tip_force"][k]), weight), ref.FINE,
         )[-1]  # fmt: skip
         np.testing.assert_allclose(end[2:], found["tip"][k], rtol=0, atol=2e-6 * f["L"])
         np.testing.assert_allclose(end[1] / stiffness * f["L"], 0, atol=2e-5)
 
 
-FOOT = jax.jit(lambda scene, pressure: sg.solve(scene, pressure).unknowns)
+@jax.jit
+def FOOT(scene, pressure):
+    """M_ext at the clamp over mu B H^2."""
+    return scene.bent(sg.solve(scene, pressure).unknowns, jnp.ones_like(pressure), pressure).line.at_clamp
 
 
 @settings(max_examples=40, deadline=None, derandomize=True)

@@ -239,10 +239,10 @@ class End(NamedTuple):
     """Newton iterations."""
 
 
-def follow(equations: Equations, u: Vector, args: Any = None) -> End:
+def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | float = FIRST_STEP) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
-    equations: must take every traced value through u and args.
+    equations: must take every traced value through u and args. first: the arc length to try first.
     """
     traced = jax.jit(equations)  # once for all that follows
 
@@ -270,16 +270,16 @@ def follow(equations: Equations, u: Vector, args: Any = None) -> End:
     def busy(search: Search) -> Bool[Array, ""]:
         return (search.mode < REACHED) & (search.count < MAX_STEPS)
 
-    end = in_slots(busy, iterate, _begin(u), args)
+    end = in_slots(busy, iterate, _begin(u, first), args)
     return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 
-def _begin(u: Vector) -> Search:
+def _begin(u: Vector, length: Scalar | float) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
     start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero)
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
-    length = zero + FIRST_STEP
+    length = zero + length
     return Search(
         *(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, no, mode, count),
         guess=u,
@@ -312,7 +312,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
     length = jnp.where(first, search.length, longer)
     # Where the goal seems to be within the next step, that step is to end there.
     rest = -new.goal / jnp.where(new.rise > 0, new.rise, 1.0)
-    near = (new.rise > 0) & (rest < length) & ~first
+    near = (new.rise > 0) & (rest < length)
     ahead = search._replace(
         before=new,
         bend=bend,
@@ -333,6 +333,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
     aimed = _to_goal(interval)
     at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
+    back = ahead._replace(length=rest, mode=jnp.asarray(TO_GOAL))
     again = search._replace(
         length=shorter,
         roughly=search.roughly & (shorter >= SHORT),
@@ -343,7 +344,9 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
         before=select(good & (new.tangent[-1] > 0), new, search.before), polishing=jnp.zeros_like(roughly)
     )
     past = new.goal >= 0
-    result = select(new.tangent[-1] <= 0, fold, select(past, select(first, at_once, aimed), ahead))
+    result = select(
+        new.tangent[-1] <= 0, fold, select(past, select(first, select(new.goal > 0, back, at_once), aimed), ahead)
+    )
     return select(search.polishing, polished, select(good, result, again))
 
 

@@ -19,7 +19,7 @@ from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
 from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
-from ..numerics.roots import bracketed_root, differentiated_once, implicit
+from ..numerics.roots import bracketed_root, differentiated_once, implicit, newton_bracketed
 from ..results import Solution, Status, gate
 from ..scene import contact_pressure as scene_contact_pressure
 from ..scene import frozen, limit_pressure, solve
@@ -28,6 +28,8 @@ from .finger import SEGMENT_FIELDS, PneuNet
 
 Scalar = Float[Array, ""]
 
+SLOWER = 0.08
+"""With this the cubic law is good to 1 % of the angle up to one radian."""
 START = 1e-3
 """The search for the wall's angle starts at this part of the angle of first contact: the wall is flat there."""
 LEAST_ANGLE = 1e-6
@@ -254,7 +256,12 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     fixed, target = lax.stop_gradient((scene, pressure))
     if isinstance(finger.material, NeoHookean):
         low, high = fixed.search_interval()
-        angle = bracketed_root(lambda x: fixed.residual(x, target), low, high).x
+        # The pressure of a flat wall rises with the third power of its angle, of a round one a little more slowly.
+        flat = fixed.load(low)
+        wanted = jnp.maximum(target, flat)
+        guess = low * jnp.cbrt(wanted / flat)
+        guess = guess + SLOWER * guess * guess
+        angle = newton_bracketed(lambda x: jnp.log(fixed.load(x) / wanted), low, high, guess).x
         inside = (target <= fixed.load(high)) & fixed.is_possible()
         touching = inside & (fixed.wall(angle).contact_width > 0)
     else:

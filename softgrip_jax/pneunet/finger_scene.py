@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
 from ..numerics.collocation import Points, gauss_points
-from ..path_scene import PathScene, Span
+from ..path_scene import LATER, PathScene, Span
 from ..results import Status
 from .beam import Cover, Line, Loads, Part, at_place, bend
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
@@ -38,6 +38,8 @@ are there know it. Beyond, one more point for each unit of growth does."""
 ROUGH = 0.02
 """Of the curvature's spectrum: tip forces are then right to about a thousandth, what is integrated being right to the
 square."""
+EARLY = 1e-3
+"""See Span.early: of fingers without loads, whose way begins with the pressure."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 
@@ -184,7 +186,8 @@ class FingerScene(PathScene):
 
         begin, scale, end = jax.vmap(of)(fields)
         loads = self.largest_force() * finger.L**2 / self.stiffness()
-        return Span(jnp.maximum(loads / LOADING, 1.0), jnp.min(begin), jnp.min(scale), jnp.min(end))
+        early = jnp.where(self.is_unloaded(), EARLY, LATER)
+        return Span(jnp.maximum(loads / LOADING, 1.0), jnp.min(begin), jnp.min(scale), jnp.min(end), early)
 
     def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""
