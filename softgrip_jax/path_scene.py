@@ -28,6 +28,7 @@ Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
 
 
 LATER = 2.0
+"""Where the moment of type A and C begins to grow with x rather than with its square: 2.3 and 1.9."""
 BEGINNING = 1e-3
 """Of the way under pressure, where it begins to be followed."""
 
@@ -43,8 +44,8 @@ class Span(NamedTuple):
     end: Scalar
     """Where the actuator's own model ends."""
     early: Scalar
-    """How fast the way goes at first: the place is x (x + early) / (x + LATER) at begin + step x. What chambers do grows
-    with the square of x before it grows with x, and so does the place where this is small; at LATER it is x itself."""
+    """How fast the way goes at first: the place is x (x + early) / (x + LATER) at begin + step x. What chambers do
+    grows with the square of x before it grows with x, and so does the place where this is small; at LATER it is x."""
 
     def place_of(self, pressure: Scalar) -> Scalar:
         """The last entry of u at a pressure."""

@@ -13,7 +13,7 @@ import numpy as np
 from softgrip_jax.units import gram, kPa, mm
 
 from . import cases, diffrax_peer, scipy_peer, thesis_peer
-from .finger_part import CHUNK, FINE_STEPS, _with_steps, reference
+from .finger_part import CHUNK, ENOUGH, FINE_POINTS, reference, with_choices
 from .measure import compiled, median_seconds, row
 from .shell_part import ours
 from .thesis_peer import Tolerances
@@ -33,13 +33,13 @@ LANES = 256
 def measure(quick: bool) -> Iterator[dict[str, Any]]:
     """All rows of the peers, and ours at the same designs beside them."""
     for law in ("thesis", "exact"):
-        fine = cases.tip_contact(law, FINE_STEPS)
+        fine = cases.tip_contact(law, FINE_POINTS)
         batch = cases.batch_of(fine, LANES)
         true = reference(fine, batch.lanes(cases.JUDGED))
-        case = cases.tip_contact(law, 4)
-        lanes = cases.Batch(_with_steps(batch.scene, case.scene), batch.pressure)
+        case = cases.tip_contact(law, ENOUGH)
+        lanes = cases.Batch(with_choices(batch.scene, case.scene), batch.pressure)
         if not quick:
-            yield ours("finger tip contact", case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, 4 steps"}
+            yield ours("finger tip contact", case, lanes, true, chunk=CHUNK) | {"setting": f"{law}, {ENOUGH} points"}
         fingers = [as_dict(batch.one(k)) for k in range(2 if quick else 8)]
         yield from (by_alternation if law == "thesis" else by_shooting)(fingers, true, quick)
         if law == "exact":
@@ -111,7 +111,7 @@ def by_diffrax(law: str, batch: cases.Batch, true: Any, rtol: float) -> dict[str
 
 def grasps() -> Iterator[dict[str, Any]]:
     """Algorithm 7 for the thesis's cylinder of 26 g, with its step and with brentq instead."""
-    fine = cases.grasp("thesis", FINE_STEPS)
+    fine = cases.grasp("thesis", FINE_POINTS)
     solved = jax.jit(cases.value_of(fine))(fine.scene, jnp.zeros(()))
     true, finger = float(solved) / 1e6, as_dict(cases.batch_of(cases.tip_contact(), 1).one(0))[0]
     pull = 26 * gram * 9.80665 / 3

@@ -14,6 +14,8 @@ from matplotlib.ticker import NullFormatter
 from softgrip_jax.plots.curves import COLOURS
 from softgrip_jax.plots.figures import BODY, STYLE
 
+from .finger_part import ENOUGH, USUAL
+
 Rows = list[dict[str, Any]]
 MARKS = "osD^vP*X"
 
@@ -78,13 +80,11 @@ def _fingers(tables: dict[str, Rows]) -> Figure:
 
     def series(row):
         if row["method"] == "softgrip_jax":
-            law, *rest = row["setting"].split(", ")
-            if len(rest) < 2:
+            if row["batch"] not in (256, USUAL) or row["precision"] == "float32":
                 return None
-            if row["batch"] not in (256, 512) or row["precision"] == "float32":
-                return None
-            return f"ours, {law}, {rest[0]}"
-        return None if "reference" in row["method"] else row["method"]
+            return f"ours, {row['setting'].split(', ')[0]}"
+        equal = ", equal steps" if row["setting"].endswith("steps") and "diffrax" in row["method"] else ""
+        return None if "reference" in row["method"] else row["method"] + equal
 
     return work_precision(["finger free", "finger tip contact", "finger grasp"], rows, series)
 
@@ -97,7 +97,7 @@ def _throughput(tables: dict[str, Rows]) -> Figure:
     for row in rows:
         if row["method"] != "softgrip_jax" or row["precision"] != "float64":
             continue
-        if row["scene"] == "finger tip contact" and row["setting"] != "exact, Dopri8, 4 steps":
+        if row["scene"] == "finger tip contact" and row["setting"] != f"exact, {ENOUGH} points":
             continue
         lines.setdefault(row["scene"], {})[row["batch"]] = (1 / row["seconds"], 1 / row["gradient_seconds"])
     for k, (scene, known) in enumerate(lines.items()):

@@ -5,8 +5,8 @@ that point and on no other. Points are vectors u = (y, load), scaled by the call
 No derivatives pass through (see roots.implicit).
 
 One loop does everything (steps, the search for a limit point, the last step to the goal), one Newton iteration of
-whatever is under way at a time: the residual and its Jacobian are compiled once, which for a beam is what users wait
-for, and lanes of a batch do not wait for each other's iterations (see `queue`).
+whatever is under way at a time: the residual and its Jacobian are compiled once, which is what users wait for, and
+lanes of a batch do not wait for each other's iterations (see `queue`).
 """
 
 from __future__ import annotations
