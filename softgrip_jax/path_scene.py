@@ -77,10 +77,10 @@ class PathScene(Scene):
 
     def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
         """The equations alone."""
-        return self.measured(unknowns, share, pressure)[0]
+        return _measured(self, unknowns, share, pressure)[0]
 
     def observe(self, unknowns, pressure):
-        return self.measured(unknowns, jnp.ones_like(pressure), pressure)[1]
+        return _measured(self, unknowns, jnp.ones_like(pressure), pressure)[1]
 
     @abc.abstractmethod
     def pressure_span(self) -> Span:
@@ -105,7 +105,7 @@ class PathScene(Scene):
 
         def equations(u, args):
             scene, context, span = args
-            residual, observed = scene.measured(u[:-1], span.share_at(u), span.pressure_at(u))
+            residual, observed = _measured(scene, u[:-1], span.share_at(u), span.pressure_at(u))
             return residual, goal(context, u, observed)
 
         # Where the pressure alone acts the path is nearly straight.
@@ -188,7 +188,7 @@ class PathScene(Scene):
         def equations(point, args):
             scene, target, step = args
             p = point[-1] * step
-            residual, observed = scene.measured(point[:-1], jnp.ones_like(p), p)
+            residual, observed = _measured(scene, point[:-1], jnp.ones_like(p), p)
             return jnp.append(residual, surplus(target, point, observed))
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
@@ -197,14 +197,14 @@ class PathScene(Scene):
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 
     def branch(self, n):
-        """n points at equal arc lengths from the first effect of pressure, through the limit point."""
+        """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point."""
         span = self.pressure_span()
         loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
 
         def along(u):
             return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
 
-        points, trusted = trace(along, loaded.at[-1].set(span.loading), BRANCH_LENGTH / n, n)
+        points, trusted = trace(along, self._begun(loaded.at[-1].set(span.loading), span), BRANCH_LENGTH / n, n)
 
         def report(u, trusted):
             good = trusted & (status == Status.OK) & (u[-1] >= span.loading)
@@ -213,6 +213,12 @@ class PathScene(Scene):
             return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
         return jax.vmap(report)(points, trusted)
+
+
+@jax.jit
+def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
+    """`scene.measured`, traced once for all that asks for it."""
+    return scene.measured(unknowns, share, pressure)
 
 
 def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
