@@ -1,4 +1,4 @@
-"""Initial-value problems by diffrax's adaptive steps: what the beam's collocation is measured against."""
+"""Initial-value problems by diffrax's adaptive steps: what the beam's collocation is checked by."""
 
 from __future__ import annotations
 

@@ -6,6 +6,7 @@ from .chamber import chamber as chamber
 from .chamber import contact_pressure as contact_pressure
 from .chamber import wall_limit as wall_limit
 from .finger import PneuNet as PneuNet
+from .finger_scene import shooting_error as shooting_error
 from .grasp import Grasp as Grasp
 from .grasp import Gripper as Gripper
 from .grasp import largest_mass as largest_mass

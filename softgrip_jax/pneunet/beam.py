@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..numerics.collocation import Points, between, integrals
@@ -146,6 +147,11 @@ def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
     return State(z / cover.slenderness, (p * dy - q * dx) / cover.slenderness, dx, dy)
 
 
-def reference_shot(cover: Cover, start: State, part: Part, active: Scalar, tolerance: float) -> State:
-    """The end of one part by diffrax's adaptive steps from its beginning: what collocation is measured against."""
-    return adaptive(slopes, start, (cover, active), part.low, part.high, tolerance)
+def shot(cover: Cover, start: State, parts: Part, active: PerPart, tolerance: float) -> State:
+    """The state at the tip by diffrax's adaptive steps from the clamp, part by part."""
+
+    def through(state: State, part: tuple[Part, Scalar]):
+        (low, high, _), moment = part
+        return adaptive(slopes, state, (cover, moment), low, high, tolerance), None
+
+    return lax.scan(through, start, (parts, active))[0]

@@ -20,8 +20,8 @@ from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
 from ..numerics.collocation import Points, gauss_points
 from ..path_scene import LATER, PathScene, Span
-from ..results import Status
-from .beam import Cover, Line, Loads, Part, at_place, bend
+from ..results import Solution, Status
+from .beam import Cover, Line, Loads, Part, State, at_place, bend, shot
 from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
@@ -134,6 +134,10 @@ class FingerScene(PathScene):
         gaps = line.gaps(active).reshape(-1) * 3 / cover.slenderness
         return Bent(cover, parts, line, active, gaps, turned)
 
+    def is_arcs(self) -> bool:
+        """True where each part is a circular arc: nothing but moments acts on the cover."""
+        return False
+
     def clamp(self) -> Scalar:
         """theta(0), rad."""
         return jnp.zeros_like(self.finger.L)
@@ -214,6 +218,18 @@ class FingerScene(PathScene):
         last = -max(1, count // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
 
+    def shooting_error(self, unknowns: Array, pressure: Scalar, tolerance: float) -> Scalar:
+        """How far from where it was found, over L, the tip is by shooting from the clamp."""
+        bent = self.bent(unknowns, jnp.ones_like(pressure), pressure)
+        zero = jnp.zeros_like(pressure)
+        start = State(self.clamp() + zero, bent.line.at_clamp, zero, zero)
+        tip = shot(bent.cover, start, bent.parts, bent.active, tolerance)
+        return jnp.hypot(tip.x - bent.line.ends[0][-1], tip.y - bent.line.ends[1][-1])
+
+    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar) -> Bent:
+        """The beam from all the unknowns of the scene."""
+        raise NotImplementedError
+
     def beam_observables(self, bent: Bent) -> dict[str, Array]:
         """What every finger reports."""
         finger, line = self.finger, bent.line
@@ -229,3 +245,27 @@ class FingerScene(PathScene):
         s, length = jnp.linspace(0.0, 1.0, n), self.finger.L
         x, y, theta, stretch = jax.vmap(lambda s: at_place(bent.line, bent.parts, self.clamp(), s, points))(s)
         return {"X": s * length, "x": x * length, "y": y * length, "theta": theta, "stretch": stretch}
+
+
+SHOOTING_TOLERANCE = 1e-10
+
+
+@jax.jit
+def _shooting_error(scene: FingerScene, unknowns: Array, pressure: Scalar) -> Scalar:
+    return scene.shooting_error(unknowns, pressure, SHOOTING_TOLERANCE)
+
+
+def shooting_error(solution: Solution) -> Scalar:
+    """How far from where `solve` found it, over L, the tip of a finger is by another way: the same equations from the
+    clamp on by diffrax's adaptive steps (Dopri8, tolerance 1e-10), with the moment and the force of the solution.
+
+    A check of the numerics, not of the model. What is off at the clamp grows by e^sqrt(P L^2/EI) on the way to the tip
+    under a tension P. NaN where there is no state. ValueError for arcs in closed form (`Free` without loads).
+    """
+    scene = solution.scene
+    if not isinstance(scene, FingerScene) or scene.is_arcs():
+        raise ValueError(
+            f"shooting_error needs the solution of a finger that bends as a beam, not {type(scene).__name__}."
+        )
+    error = _shooting_error(scene, solution.unknowns, solution.pressure)
+    return jnp.where(solution.status == Status.OK, error, jnp.nan)

@@ -15,7 +15,7 @@ from ..results import Status
 from ..scene import Found
 from .beam import Loads
 from .finger import PneuNet
-from .finger_scene import POINTS, Bent, FingerScene, Scalar, to_weight
+from .finger_scene import POINTS, FingerScene, Scalar, to_weight
 
 SECTIONS = ("exact", "thesis", "inextensible")
 INCLINATIONS = ("segment", "gap", "none")
@@ -50,8 +50,7 @@ class HeldTip(FingerScene):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
 
-    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar) -> Bent:
-        """The beam from (tip force, curvatures)."""
+    def bent(self, unknowns, share, pressure):
         return self.beam(unknowns[1:], unknowns[0], share, pressure)
 
     def measured(self, unknowns, share, pressure):
@@ -135,8 +134,7 @@ class Free(FingerScene):
 
     OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
-    def is_arcs(self) -> bool:
-        """True where each part is a circular arc: nothing but moments acts on the cover."""
+    def is_arcs(self):
         return self.combination == "larger" or (self.weight is None and self.tip_load is None)
 
     def clamp(self):
@@ -162,10 +160,13 @@ class Free(FingerScene):
     def rest(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
+    def bent(self, unknowns, share, pressure):
+        return self.beam(unknowns, None, share, pressure)
+
     def measured(self, unknowns, share, pressure):
         if self.is_arcs():
             return self.measured_arcs(unknowns, pressure)
-        bent = self.beam(unknowns, None, share, pressure)
+        bent = self.bent(unknowns, share, pressure)
         inclination = jnp.maximum(bent.parts.chamber.share * bent.turned, 0.0)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
@@ -239,7 +240,7 @@ class Free(FingerScene):
 
     def profile(self, unknowns, pressure, n):
         if not self.is_arcs():
-            return self.beam_profile(self.beam(unknowns, None, jnp.ones_like(pressure), pressure), n)
+            return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
         turned, stretch, lengths = self.turns(unknowns)
         x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.
