@@ -104,8 +104,9 @@ class FingerScene(PathScene):
         finger = self.finger
         with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
             growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / self.stiffness()))))
-        more = int(np.ceil(growth - SMOOTH_GROWTH))
-        return dataclasses.replace(self, points=self.points + more) if more > 0 and np.isfinite(growth) else self
+        if not (np.isfinite(growth) and growth > SMOOTH_GROWTH):
+            return self
+        return dataclasses.replace(self, points=max(self.points, POINTS + int(np.ceil(growth - SMOOTH_GROWTH))))
 
     def stiffness(self) -> Scalar:
         """EI = mu B H^3 / 3 (plane strain), N m^2."""
@@ -212,8 +213,9 @@ class FingerScene(PathScene):
     def roughness(self, unknowns: Array) -> Scalar:
         """The last part of the curvatures' spectrum over all of it: an estimate of their error from above."""
         parts, points = self.chambers()
-        count = len(points.places)
-        curvature = unknowns[-len(parts.low) * count :].reshape(-1, count) / np.sqrt(points.weights)[None]
+        widths, count = parts.high - parts.low, len(points.places)
+        unknowns = unknowns[-len(widths) * count :].reshape(-1, count)
+        curvature = unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
         spectrum = jnp.abs(curvature @ points.spectrum.T)
         last = -max(1, count // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
