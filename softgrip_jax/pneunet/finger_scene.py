@@ -35,9 +35,9 @@ PART_POINTS = 3
 SMOOTH_GROWTH = 4.0
 """Under strong tension bending decays like e^-growth along a finger, in a layer at each end; up to e^4 the points that
 are there know it. Beyond, one more point for each unit of growth does."""
-ROUGH = 0.02
-"""Of the curvature's spectrum: tip forces are then right to about a thousandth, what is integrated being right to the
-square."""
+ROUGH = 0.05
+"""Of the curvature's spectrum: tip forces are then right to about a thousandth (4 points, type A at two thirds of its
+limit: up to 0.04, and 8e-4), what is integrated being right to the square."""
 EARLY = 1e-3
 """See Span.early: of fingers without loads, whose way begins with the pressure."""
 INCLINATION_PARTS = 13
