@@ -42,7 +42,7 @@ BASES = ((2, 3), (3, 4), (4, 6))
 
 # What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
 # 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of two or so.
-ARC_COST, COUPLED_ARC_COST = 0.6, 140.0
+ARC_COST, COUPLED_ARC_COST = 0.6, 10.0
 PATH_COST, POINT_COST = 6.5, 0.057
 """Following a path, and the square of the points along the finger on top."""
 WEIGHT_COST = 1.6

@@ -332,7 +332,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
     )
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
     aimed = _to_goal(interval)
-    at_once = search._replace(found=new, mode=jnp.asarray(REACHED))
+    # The goal is where the path begins, or a little before: what was found roughly is found well there.
     back = ahead._replace(length=rest, mode=jnp.asarray(TO_GOAL))
     again = search._replace(
         length=shorter,
@@ -344,9 +344,7 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
         before=select(good & (new.tangent[-1] > 0), new, search.before), polishing=jnp.zeros_like(roughly)
     )
     past = new.goal >= 0
-    result = select(
-        new.tangent[-1] <= 0, fold, select(past, select(first, select(new.goal > 0, back, at_once), aimed), ahead)
-    )
+    result = select(new.tangent[-1] <= 0, fold, select(past, select(first, back, aimed), ahead))
     return select(search.polishing, polished, select(good, result, again))
 
 

@@ -139,6 +139,10 @@ class FingerScene(PathScene):
         """True where each part is a circular arc: nothing but moments acts on the cover."""
         return False
 
+    def is_one_arc(self) -> bool:
+        """True where all parts of a uniform finger are the same arc: they end at the same pressure, too."""
+        return False
+
     def clamp(self) -> Scalar:
         """theta(0), rad."""
         return jnp.zeros_like(self.finger.L)
@@ -155,7 +159,7 @@ class FingerScene(PathScene):
     def chambers(self) -> tuple[Part, Points]:
         """The parts of the beam and the points in each: one part where all chambers push alike."""
         finger = self.finger
-        count = finger.segments or (1 if self.inclination == "none" else INCLINATION_PARTS)
+        count = finger.segments or (1 if self.inclination == "none" or self.is_one_arc() else INCLINATION_PARTS)
         points = gauss_points(self.points if count == 1 else max(PART_POINTS, 1 - (-self.points // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]

@@ -137,6 +137,9 @@ class Free(FingerScene):
     def is_arcs(self):
         return self.combination == "larger" or (self.weight is None and self.tip_load is None)
 
+    def is_one_arc(self):
+        return self.is_arcs() and self.combination == "sum"
+
     def clamp(self):
         return self.clamp_angle
 
@@ -208,7 +211,8 @@ class Free(FingerScene):
         return jnp.maximum(pushes, -hanging / (unit * self.finger.moment_scale()))
 
     def find(self, pressure):
-        if not self.is_arcs():
+        # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
+        if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclination != "none"):
             return super().find(pressure)
         parts, _ = self.chambers()
         highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
