@@ -42,10 +42,10 @@ BASES = ((2, 3), (3, 4), (4, 6))
 
 # What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
 # 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of two or so.
-ARC_COST, COUPLED_ARC_COST = 0.6, 10.0
-PATH_COST, POINT_COST = 6.5, 0.057
+ARC_COST, COUPLED_ARC_COST = 0.8, 20.0
+PATH_COST, POINT_COST = 11.0, 0.1
 """Following a path, and the square of the points along the finger on top."""
-WEIGHT_COST = 1.6
+WEIGHT_COST = 4.0
 """Loads are a path of their own, before the pressure."""
 SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
 SHELL_COST = 2.0
