@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -80,7 +81,10 @@ class PathScene(Scene):
         return _measured(self, unknowns, share, pressure)[0]
 
     def observe(self, unknowns, pressure):
-        return _measured(self, unknowns, jnp.ones_like(pressure), pressure)[1]
+        return self.evaluated(unknowns, pressure)[1]
+
+    def evaluated(self, unknowns, pressure):
+        return _measured(self, unknowns, jnp.ones_like(pressure), pressure)
 
     @abc.abstractmethod
     def pressure_span(self) -> Span:
@@ -159,9 +163,6 @@ class PathScene(Scene):
         def surplus(target, _, observed):
             return (observed[name] - target) / jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
 
-        def over(u):
-            return surplus(value, u, fixed.observe(u[:-1], span.pressure_at(u)))
-
         def walk(u, is_loading):
             """First to where the pressure begins to act, then to the target: one program for both."""
 
@@ -174,13 +175,16 @@ class PathScene(Scene):
             return u.at[-1].set(jnp.where(is_loading, span.loading, u[-1])), (u, *found)
 
         u, (points, statuses, counts) = lax.scan(walk, fixed._start(span), jnp.array([True, False]))
-        reached = jnp.where(over(points[0]) >= 0, Status.NO_CONTACT, statuses[1])
+        seen = lax.map(lambda u: fixed.evaluated(u[:-1], span.pressure_at(u)), points.at[1].set(u))
+        over = jax.vmap(partial(surplus, value, u))(seen[1])
+        reached = jnp.where(over[0] >= 0, Status.NO_CONTACT, statuses[1])
         status = jnp.where(statuses[0] == Status.OK, reached, statuses[0])
         pressure = span.pressure_at(u)
         status = jnp.where((status == Status.OK) & (pressure > span.end), Status.BEYOND_LIMIT, status)
         status = jnp.where(jnp.isfinite(value), status, Status.IMPOSSIBLE)
-        mismatch = jnp.where(status == Status.OK, over(u), 0.0)
-        found = fixed.settled(Found(u[:-1], pressure, status, jnp.sum(counts), mismatch))
+        mismatch = jnp.where(status == Status.OK, over[1], 0.0)
+        there = jax.tree.map(lambda v: v[1], seen)
+        found = fixed.settled(Found(u[:-1], pressure, status, jnp.sum(counts), mismatch, seen=there))
         step, status = span.step, found.status
 
         scene, target = gate(status == Status.OK, (self, target))

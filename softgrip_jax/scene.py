@@ -18,7 +18,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import Checked, admissible, require
-from .numerics.roots import implicit
+from .numerics.roots import implicit, with_derivatives_of
 from .results import Solution, Status, gate, mask
 
 Scalar = Float[Array, ""]
@@ -38,6 +38,8 @@ class Found(NamedTuple):
     """Scaled error of whatever was asked for beyond the scene's own equations (the target of `pressure_for`)."""
     residual: Scalar | float = 0.0
     """Scaled norm of all that was to be solved; known once `settled`."""
+    seen: tuple[Array, dict[str, Array]] | None = None
+    """What `evaluated` says there, where it was asked already; known once `settled`."""
 
 
 class Scene(Checked):
@@ -57,6 +59,10 @@ class Scene(Checked):
     @abc.abstractmethod
     def observe(self, unknowns: Array, pressure: Scalar) -> dict[str, Array]:
         """Everything reported, in SI, from the unknowns."""
+
+    def evaluated(self, unknowns: Array, pressure: Scalar) -> tuple[Array, dict[str, Array]]:
+        """(`residual`, `observe`), for scenes that have both from one computation."""
+        return self.residual(unknowns, pressure), self.observe(unknowns, pressure)
 
     @abc.abstractmethod
     def onset(self) -> Scalar:
@@ -101,13 +107,15 @@ class Scene(Checked):
     def settled(self, found: Found) -> Found:
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
         found = frozen(found)
-        own = jnp.max(jnp.abs(jnp.atleast_1d(frozen(self).residual(found.unknowns, found.pressure))))
+        seen = found.seen or frozen(self).evaluated(found.unknowns, found.pressure)
+        own = jnp.max(jnp.abs(jnp.atleast_1d(seen[0])))
         # Rounding leaves a residual in proportion to the unknowns.
         own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns)))
         residual = jnp.maximum(own, jnp.abs(found.mismatch))
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small
-        return found._replace(status=jnp.where(failed, Status.NOT_CONVERGED, found.status), residual=residual)
+        status = jnp.where(failed, Status.NOT_CONVERGED, found.status)
+        return found._replace(status=status, residual=residual, seen=seen)
 
     def _solution(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
@@ -122,7 +130,11 @@ class Scene(Checked):
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
-        observables = mask(found.status, self.observe(unknowns, pressure))
+        assert found.seen is not None
+        observed = with_derivatives_of(
+            lambda args: args[0].observe(*args[1:]), found.seen[1], (self, unknowns, pressure)
+        )
+        observables = mask(found.status, observed)
         return Solution(self, pressure, found.status, found.residual, found.iterations, unknowns, observables)
 
 
@@ -179,8 +191,12 @@ def solve(scene: Scene, pressure: Any) -> Solution:
     Returns: a Solution. A scene without equilibrium is not an error: see `Solution.status`.
     Raises: ValueError for a pressure that cannot be meant (outside jit); RuntimeError where float64 is off.
     """
-    scene = _checked(scene)
-    return _solve(scene, require("pressure", pressure, "nonnegative", "pressure"))
+    return _solve(*to_solve(scene, pressure))
+
+
+def to_solve(scene: Scene, pressure: Any) -> tuple[Scene, Scalar]:
+    """What `solve` hands to its program."""
+    return _checked(scene), require("pressure", pressure, "nonnegative", "pressure")
 
 
 def path(scene: Scene, pressures: Any) -> Solution:
@@ -224,6 +240,11 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
         scene: what to solve.
         target: one observable and its value in SI, for instance ``force=2.0``; none for a grasp, which knows its own.
     """
+    return _pressure_for(*to_reach(scene, **target))
+
+
+def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
+    """What `pressure_for` hands to its program."""
     scene = _checked(scene)
     if len(target) > 1:
         raise ValueError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
@@ -233,7 +254,7 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
         raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
     if scene.OBSERVABLES[name] == "position":
         raise ValueError(f"{name} is a point (x, y); one pressure can meet one number.")
-    return _pressure_for(scene, name, require(name, value, "finite", scene.OBSERVABLES[name]))
+    return scene, name, require(name, value, "finite", scene.OBSERVABLES[name])
 
 
 @partial(jax.jit, static_argnames="name")

@@ -8,16 +8,15 @@ The rooms are imported inside the commands, so that `softgrip --help` answers at
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 import typer
 
 from ..errors import ConfigError
 from . import files as files
+from . import programs
 from . import runs as runs
 from . import scenes as scenes
 from .app import MISTAKE as MISTAKE
@@ -51,17 +50,7 @@ def run(arguments: Sequence[str]) -> int:
     return MISTAKE
 
 
-def _keep_compiled_programs() -> None:
-    """Let JAX keep what it compiles, so that the second run of a command does not compile again."""
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-    # XLA calls two of its own settings (prefer-no-gather, prefer-no-scatter) CPU features that the machine lacks, in
-    # long lines on stderr, for every program that it takes from the cache; nothing is wrong.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-
-
 def main() -> NoReturn:
     """Entry point of the console script."""
-    _keep_compiled_programs()
+    programs.settings()
     sys.exit(run(sys.argv[1:]))

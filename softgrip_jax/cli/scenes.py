@@ -15,6 +15,7 @@ from rich.console import Console
 from ..errors import ConfigError
 from ..progress import Tell, silent
 from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
+from .programs import kept
 
 if TYPE_CHECKING:
     from ..results import Solution
@@ -52,8 +53,7 @@ def solve(
     """
     from .. import config as configs
     from ..fidelity import choose
-    from ..scene import pressure_for
-    from ..scene import solve as solve_scene
+    from ..scene import _pressure_for, _solve, to_reach, to_solve
 
     if plot is not None:
         check_file(plot, "--plot", PICTURES)
@@ -71,8 +71,10 @@ def solve(
             if allowed is not None:
                 choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
                 solution = choice.solution
+            elif "pressure" in asked:
+                solution = kept(_solve, *to_solve(read.scene, **asked))
             else:
-                solution = (solve_scene if "pressure" in asked else pressure_for)(read.scene, **asked)
+                solution = kept(_pressure_for, *to_reach(read.scene, **asked))
         except ValueError as error:  # what the scene itself cannot take as a question
             raise ConfigError(f"{config}, [solve]: {error}") from None
     if as_json:

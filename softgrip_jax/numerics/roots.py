@@ -237,3 +237,20 @@ def implicit(residual: Callable[[Any, Any], Any], y: Float[Array, "*n"], args: A
         return y, -move(jacobian(y, args), along_args)
 
     return root(lax.stop_gradient(y), args)
+
+
+def with_derivatives_of(function: Callable[[Any], Any], value: Any, args: Any) -> Any:
+    """`value`, which is function(args) and known already, with that function's derivatives; it runs for those alone.
+
+    As in `implicit`, `function` must take every traced value through `args`.
+    """
+
+    @jax.custom_jvp
+    def same(value, args):
+        return value
+
+    @same.defjvp
+    def rule(primals, tangents):
+        return jax.jvp(function, (primals[1],), (tangents[1],))
+
+    return same(lax.stop_gradient(value), args)

@@ -1,0 +1,93 @@
+"""What JAX traces and compiles for a command is kept for the next one."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from .app import write_file
+
+PACKAGE = Path(__file__).resolve().parent.parent
+OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
+"""XLA's newer way of writing loops takes more than half of the time in which a finger compiles, and saves a single
+solve nothing. XLA leaves the process over a flag that it does not know: it is set for versions that were seen."""
+SEEN_BELOW = (0, 11)
+
+_folder: Path | None = None
+"""Where programs are kept; nowhere unless this process is a command."""
+
+
+def settings() -> None:
+    """For XLA and JAX in this process, before they are imported; what the user has set stays."""
+    global _folder
+    own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
+    _folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(own)))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    # XLA calls two of its own settings (prefer-no-gather, prefer-no-scatter) CPU features that the machine lacks, in
+    # long lines on stderr, for every program that it takes from the cache; nothing is wrong.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    from jaxlib.version import __version_info__ as version
+
+    flags = os.environ.get("XLA_FLAGS", "")
+    if OLDER_LOOPS not in flags and version < SEEN_BELOW:
+        os.environ["XLA_FLAGS"] = f"{flags} {OLDER_LOOPS}=false".strip()
+
+
+def kept(function: Callable[..., Any], *args: Any) -> Any:
+    """function(*args), jitted, without tracing it where an earlier process did, for arguments of the same shapes.
+
+    What JAX exports is kept beside its own cache, for the versions and the sources as they are. What cannot be read or
+    written is traced as if nobody had kept it.
+    """
+    import jax
+    import jax.numpy as jnp
+    from jax import export
+
+    if _folder is None or not jax.config.values["jax_enable_compilation_cache"]:
+        return function(*args)
+    leaves, tree = jax.tree.flatten(args)
+    numbers = [k for k, leaf in enumerate(leaves) if not isinstance(leaf, str)]
+    arrays = [jnp.asarray(leaves[k]) for k in numbers]
+    words = [leaf for leaf in leaves if isinstance(leaf, str)]
+    file = _folder / f"{_key(function, tree, arrays, words)}.traced"
+    try:
+        program, template = pickle.loads(file.read_bytes())
+        exported, out = export.deserialize(bytearray(program)), jax.tree.structure(template)
+    except Exception:  # whatever is wrong with it
+        trees = []
+
+        def of_arrays(*arrays):
+            given = dict(zip(numbers, arrays, strict=True))
+            every = [given.get(k, leaf) for k, leaf in enumerate(leaves)]
+            found, out = jax.tree.flatten(function(*jax.tree.unflatten(tree, every)))
+            trees.append(out)
+            return found
+
+        exported = export.export(jax.jit(of_arrays))(*arrays)
+        out = trees[0]
+        # A tree of our own classes cannot be pickled, what has its structure can.
+        template = jax.tree.unflatten(out, [0] * out.num_leaves)
+        with contextlib.suppress(Exception):
+            content = pickle.dumps((bytes(exported.serialize()), template))
+            file.parent.mkdir(parents=True, exist_ok=True)
+            write_file(file, lambda path: path.write_bytes(content))
+    return jax.tree.unflatten(out, jax.jit(exported.call)(*arrays))
+
+
+def _key(function: Callable[..., Any], tree: Any, arrays: Any, words: list[str]) -> str:
+    """What a program depends on, in one word."""
+    import jax
+    from jaxlib.version import __version__ as jaxlib_version
+
+    files = [(str(p.relative_to(PACKAGE)), p.stat().st_size, p.stat().st_mtime_ns) for p in PACKAGE.rglob("*.py")]
+    shapes = [(a.shape, str(a.dtype), a.weak_type) for a in arrays]
+    parts = (
+        *(function.__module__, function.__qualname__, str(tree), shapes, words, sorted(files)),
+        *(jax.__version__, jaxlib_version, jax.default_backend(), jax.config.read("jax_enable_x64")),
+    )
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
