@@ -1,9 +1,11 @@
 """The design searches of configs/ against differential evolution (SciPy), CMA-ES (cma) and NSGA-II (pymoo).
 
-    python benchmarks/search_peers.py [config.toml ...] [--budget SOLVES] [--seconds S] [--out FILE.json]
+    python -m benchmarks.search_peers [config.toml ...] [--budget SOLVES] [--seconds S] [--plain] [--out FILE.json]
 
-One run, one machine, the same physics for all: a peer asks for whole populations at once, solved in the same chunks by
-a compiled program without the derivatives that it has no use for. Constraints and designs without equilibrium cost it a
+One run, one machine, the same physics for all: a peer asks for whole populations at once, solved in chunks by a
+compiled program without the derivatives that it has no use for. With --plain it asks, too, as it comes out of the box:
+for one design at a time, of our compiled physics; and for the first search it is told how long a design takes by the
+thesis's algorithms in SciPy, which is what there is without us. Constraints and designs without equilibrium cost it a
 penalty of their size. A peer stops when it has a feasible design within TOLERANCE of ours, when its budget or time is
 spent, or when it gives up. "solves" are designs evaluated (ours each with all derivatives); seconds are without
 compilation, which is given beside them. Ours counts until it had a feasible design within TOLERANCE of its end, too,
@@ -30,6 +32,7 @@ from pymoo.indicators.hv import HV
 from pymoo.optimize import minimize
 from scipy.optimize import differential_evolution
 
+from benchmarks.speed import thesis_peer
 from optim import settings
 from optim.objectives import Problem
 from optim.pareto import pareto
@@ -57,12 +60,12 @@ class Enough(Exception):
 class Peer:
     """What a peer minimises, and how it is doing."""
 
-    def __init__(self, problem: Problem, goal: float, budget: int, seconds: float):
-        self.problem, self.goal, self.budget, self.seconds = problem, goal, budget, seconds
+    def __init__(self, problem: Problem, goal: float, budget: int, seconds: float, chunk: int = CPU_CHUNK):
+        self.problem, self.goal, self.budget, self.seconds, self.chunk = problem, goal, budget, seconds, chunk
         scales = self.scales = problem.scales(_at_start(problem))
         self.compiled = jax.jit(jax.vmap(lambda t: self._measure(t, scales)))
         began = time.perf_counter()
-        self.compiled(jnp.zeros((CPU_CHUNK, problem.space.size)) + 0.5)
+        self.compiled(jnp.zeros((chunk, problem.space.size)) + 0.5)
         self.compile = time.perf_counter() - began
         self.restart()
 
@@ -78,9 +81,9 @@ class Peer:
         t = np.clip(np.atleast_2d(t), 0.0, 1.0)
         self.solves += len(t)
         parts = []
-        for start in range(0, len(t), CPU_CHUNK):
-            rows = t[start : start + CPU_CHUNK]
-            filled = np.concatenate([rows, np.repeat(rows[-1:], CPU_CHUNK - len(rows), axis=0)])
+        for start in range(0, len(t), self.chunk):
+            rows = t[start : start + self.chunk]
+            filled = np.concatenate([rows, np.repeat(rows[-1:], self.chunk - len(rows), axis=0)])
             parts.append([np.asarray(v)[: len(rows)] for v in self.compiled(jnp.asarray(filled))])
         return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
 
@@ -111,11 +114,11 @@ def differential(peer: Peer, seed: int) -> dict[str, Any]:
     peer.restart()
     with contextlib.suppress(Enough):
         differential_evolution(
-            lambda x: peer.cost(x.T),
+            lambda x: peer.cost(x.T) if peer.chunk > 1 else peer.cost(x)[0],
             [(0.0, 1.0)] * n,
             rng=seed,
-            vectorized=True,
-            updating="deferred",
+            vectorized=peer.chunk > 1,
+            updating="deferred" if peer.chunk > 1 else "immediate",
             polish=False,
             maxiter=100_000,
             tol=1e-8,
@@ -129,7 +132,8 @@ def evolution_strategy(peer: Peer, seed: int) -> dict[str, Any]:
     rng = np.random.default_rng(seed)
     with contextlib.suppress(Enough):
         while True:  # with restarts, as its author advises
-            options = {"bounds": [0, 1], "seed": int(rng.integers(1, 2**31)), "verbose": -9, "popsize": CPU_CHUNK}
+            options = {"bounds": [0, 1], "seed": int(rng.integers(1, 2**31)), "verbose": -9}
+            options |= {"popsize": peer.chunk} if peer.chunk > 1 else {}
             strategy = cma.CMAEvolutionStrategy(rng.uniform(0.2, 0.8, n), 0.3, options)
             while not strategy.stop():
                 asked = strategy.ask()
@@ -160,7 +164,22 @@ def first_within(problem: Problem, goal: float, scales: Any) -> tuple[int, float
     raise ValueError("the search saw no design like its best")
 
 
-def compare_search(path: Path, budget: int, seconds: float) -> dict[str, Any]:
+def seconds_by_scipy(problem: Problem, designs: np.ndarray) -> float:
+    """Of one design of search a, by the thesis's algorithms: the blocked finger at 31 kPa and, for the margin, at 1.2
+    times that; the free one at 31 kPa. The median of several designs."""
+    times = []
+    for t in designs:
+        finger = jax.tree.map(float, problem.space.scenes_at(problem.space.from_unit(jnp.asarray(t)))["blocked"].finger)
+        lengths = {name: getattr(finger, name) * 1e3 for name in ("a", "b", "h_x", "t_m", "h_L", "H", "B", "L")}
+        given = lengths | {"mu": float(finger.material.mu) * 1e-6}
+        began = time.perf_counter()
+        for pressure, held in ((0.031, 0.0), (1.2 * 0.031, 0.0), (0.031, None)):
+            thesis_peer.finger(given, pressure, held)
+        times.append(time.perf_counter() - began)
+    return float(np.median(times))
+
+
+def compare_search(path: Path, budget: int, seconds: float, plain: bool) -> dict[str, Any]:
     wanted = settings.read(configs.load(path))
     Watched.seen.clear()
     searching.Evaluator = Watched
@@ -185,6 +204,14 @@ def compare_search(path: Path, budget: int, seconds: float) -> dict[str, Any]:
     result["compile of the peers"] = peer.compile
     result["differential evolution"] = differential(peer, seed)
     result["CMA-ES"] = evolution_strategy(peer, seed)
+    if plain:
+        single = Peer(wanted.problem, ours.best.objective, budget, seconds, chunk=1)
+        result["differential evolution, one at a time"] = differential(single, seed)
+        result["CMA-ES, one at a time"] = evolution_strategy(single, seed)
+        if path.name == SEARCHES["a"]:
+            rng = np.random.default_rng(seed)
+            near = np.clip(ours.best.t + rng.uniform(-0.3, 0.3, (9, len(ours.best.t))), 0, 1)
+            result["seconds of a design by SciPy"] = seconds_by_scipy(wanted.problem, near)
     return result
 
 
@@ -229,17 +256,21 @@ def main() -> None:
     parser.add_argument("configs", nargs="*", type=Path, default=[CONFIGS / name for name in SEARCHES.values()])
     parser.add_argument("--budget", type=int, default=20_000, help="solves of each peer at most")
     parser.add_argument("--seconds", type=float, default=300.0, help="of each peer at most")
+    parser.add_argument("--plain", action="store_true", help="the peers one design at a time, too")
     parser.add_argument("--out", type=Path, help="where to write the numbers as JSON")
     arguments = parser.parse_args()
     results = {}
     for path in arguments.configs:
         front = configs.load(path).tables["design"].get("front")
-        result = compare_front(path) if front else compare_search(path, arguments.budget, arguments.seconds)
+        result = (
+            compare_front(path) if front else compare_search(path, arguments.budget, arguments.seconds, arguments.plain)
+        )
         results[path.stem] = result
         print(path.stem)
         ours = result["ours"]
         for name, told in result.items():
             if not isinstance(told, dict):
+                print(f"  {name}: {told:.5g}")
                 continue
             numbers = ", ".join(f"{k} {v:.5g}" if isinstance(v, float) else f"{k} {v}" for k, v in told.items())
             solves, seconds = told["solves"] / ours["solves"], told["seconds"] / ours["seconds"]

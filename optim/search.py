@@ -207,15 +207,18 @@ def search(
     evaluate = Evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)
     at_reference = evaluate(reference_t)
-    compiled = time.perf_counter()
     scales = problem.scales(at_reference.values[0])
     judge = jax.jit(lambda values: judged_with_slopes(problem, scales, values))
-
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
-    lanes, history, stopped = _descend(
-        problem, scales, evaluate, rule, _starts(space.inside(reference_t), starts, seed), steps, report
-    )
+    lanes = _begin(_starts(space.inside(reference_t), starts, seed), len(problem.sides), rule)
+    advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
+    # Called for nothing, to be compiled.
+    judge(at_reference.values[0])
+    advance(lanes, Found(*(np.repeat(v, len(lanes.u), axis=0) for v in at_reference)), 0)
+    compiled = time.perf_counter()
+
+    lanes, history, stopped = _descend(lanes, evaluate, advance, steps, report)
     descended = time.perf_counter()
 
     candidates = np.asarray(lanes.best_t)[
@@ -258,23 +261,25 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([reference[None], points])[:starts]
 
 
-def _descend(problem, scales, evaluate, rule, t, steps, report) -> tuple[Lane, dict[str, np.ndarray], bool]:
-    """All lanes to rest, or to the last step, or (True) to where they were stopped."""
-    advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
+def _begin(t: np.ndarray, constraints: int, rule: Any) -> Lane:
+    """A lane at each row of unit values."""
     count, u = len(t), to_free(t)
-    m = len(problem.sides)
-    lanes = Lane(
+    return Lane(
         u,
         jnp.asarray(t),
         jax.vmap(rule.init)(u),
-        jnp.zeros((count, m)),
-        jnp.full(count, PENALTY),
-        jnp.full(count, jnp.inf),
+        jnp.zeros((count, constraints)),
+        jnp.full(count, PENALTY, float),
+        jnp.full(count, jnp.inf, float),
         jnp.zeros(count, int),
         jnp.asarray(t),
-        jnp.full(count, jnp.inf),
+        jnp.full(count, jnp.inf, float),
     )
-    moving = np.arange(count)
+
+
+def _descend(lanes: Lane, evaluate, advance, steps, report) -> tuple[Lane, dict[str, np.ndarray], bool]:
+    """All lanes to rest, or to the last step, or (True) to where they were stopped."""
+    moving = np.arange(len(lanes.u))
     found, stopped = None, False
     rows = []
     try:
