@@ -60,8 +60,8 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with Undisturbed() as writing:
+            report(result, console)  # at once: pictures take a while
             _write(folder, given, read, wanted, result)
-    report(result, console)
     which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
     console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
     if result.stopped or writing.asked:

@@ -8,6 +8,8 @@ import sys
 import pytest
 from conftest import ROOT
 
+from softgrip_jax.cli import programs
+
 CODE = """
 import sys
 from softgrip_jax.cli import main, programs, scenes
@@ -40,3 +42,27 @@ def test_the_second_run_does_not_trace(tmp_path):
     kept.write_bytes(kept.read_bytes()[:1000])
     assert answer("15") == pytest.approx(first, rel=1e-12)
     assert answer("15", "known") == first
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ("", "--xla_cpu_use_fusion_emitters=false"),
+        ("--xla_cpu_use_fusion_emitters=true", "--xla_cpu_use_fusion_emitters=true"),
+        ("--xla_dump_to=here", "--xla_dump_to=here --xla_cpu_use_fusion_emitters=false"),
+    ],
+)
+def test_what_the_user_set_stays(given, wanted, monkeypatch):
+    monkeypatch.setattr(programs, "_folder", None)
+    for name, value in (("XLA_FLAGS", given), ("JAX_COMPILATION_CACHE_DIR", "mine"), ("TF_CPP_MIN_LOG_LEVEL", "0")):
+        monkeypatch.setenv(name, value)
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "1")
+    programs.settings()
+    assert os.environ["XLA_FLAGS"] == wanted
+    assert (os.environ["JAX_COMPILATION_CACHE_DIR"], os.environ["TF_CPP_MIN_LOG_LEVEL"]) == ("mine", "0")
+
+    # A version of XLA that was not seen yet may not know the flag, and would leave the process over it.
+    monkeypatch.setattr("jaxlib.version.__version_info__", (0, 11, 0))
+    monkeypatch.setenv("XLA_FLAGS", given)
+    programs.settings()
+    assert os.environ["XLA_FLAGS"] == given
