@@ -101,9 +101,8 @@ class FingerScene(PathScene):
         """With more points where loads that are known numbers bend the beam in thin layers."""
         if not is_concrete(*jax.tree.leaves(self)):
             return self
-        finger = self.finger
         with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
-            growth = np.sqrt(float(np.max(np.asarray(self.largest_force() * finger.L**2 / self.stiffness()))))
+            growth = np.sqrt(float(np.max(np.asarray(_tension(self)))))
         if not (np.isfinite(growth) and growth > SMOOTH_GROWTH):
             return self
         return dataclasses.replace(self, points=max(self.points, POINTS + int(np.ceil(growth - SMOOTH_GROWTH))))
@@ -194,7 +193,7 @@ class FingerScene(PathScene):
             return touch, scale, wall_limit(wall.finger)
 
         begin, scale, end = jax.vmap(of)(fields)
-        loads = self.largest_force() * finger.L**2 / self.stiffness()
+        loads = _tension(self)
         early = jnp.where(self.is_unloaded(), EARLY, LATER)
         return Span(jnp.maximum(loads / LOADING, 1.0), jnp.min(begin), jnp.min(scale), jnp.min(end), early)
 
@@ -251,6 +250,12 @@ class FingerScene(PathScene):
         s, length = jnp.linspace(0.0, 1.0, n), self.finger.L
         x, y, theta, stretch = jax.vmap(lambda s: at_place(bent.line, bent.parts, self.clamp(), s, points))(s)
         return {"X": s * length, "x": x * length, "y": y * length, "theta": theta, "stretch": stretch}
+
+
+@jax.jit
+def _tension(scene: FingerScene) -> Scalar:
+    """What may pull along the beam, over EI / L^2."""
+    return scene.largest_force() * scene.finger.L**2 / scene.stiffness()
 
 
 SHOOTING_TOLERANCE = 1e-10
