@@ -145,7 +145,8 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     sign, title = _sense(result.problem)
     history = result.history | {"best_objective": sign * result.history["best_objective"]}
     label = f"best\n(start: {sign * result.reference.objective:.3g})"
-    plots.convergence(history, label, title).savefig(folder / "convergence.png")
+    finished = None if result.stopped else sign * result.best.objective
+    plots.convergence(history, label, title, finished).savefig(folder / "convergence.png")
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.

@@ -120,6 +120,15 @@ def test_convergence_shows_the_history():
     np.testing.assert_array_equal(drawn["moving"], history["moving"])
     np.testing.assert_array_equal(drawn["solved"], history["with_equilibrium"])
 
+    # What came of one step only is seen, and where it was finished.
+    one = {name: values[2:] for name, values in history.items()}
+    above, below = plots.convergence(one, finished=0.4).axes
+    assert [(*line.get_xdata(), *line.get_ydata(), line.get_marker()) for line in above.lines] == [
+        (1, 0.5, "o"),
+        (2, 0.4, "o"),
+    ]
+    assert {line.get_marker() for line in below.lines} == {"o"}
+
 
 def test_what_cannot_be_drawn_says_so():
     beyond = sg.solve(MAKE["free"](), 40 * kPa)

@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..results import Solution, Status
 from ..scene import Scene, branch, limit_pressure
@@ -162,22 +163,39 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
     return ax
 
 
-def convergence(history: Mapping[str, np.ndarray], label: str = "best objective", title: str = "") -> Figure:
-    """How a search went: its best objective, and the lanes that have an equilibrium, are feasible, still move."""
+FEW_STEPS = 10
+
+
+def convergence(
+    history: Mapping[str, np.ndarray], label: str = "best objective", title: str = "", finished: float | None = None
+) -> Figure:
+    """How a search went: its best objective, step by step and once finished, and the lanes that have an equilibrium,
+    are feasible, still move."""
     best = np.asarray(history["best_objective"])
     steps = np.arange(1, len(best) + 1)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH / 2, 3.6))
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1])
-        above.plot(steps, best, color=BLUE)
+        # A search of few steps is points rather than lines.
+        marker = "o" if len(best) < FEW_STEPS else None
+        above.plot(steps, best, color=BLUE, marker=marker)
+        if finished is not None:
+            above.plot(len(best) + 1, finished, "o", color=VERMILION)
+            falls = finished < np.nanmean([finished, *best])  # its name is where the line does not come from
+            place = {"xytext": (3, -6 if falls else 6), "va": "top" if falls else "bottom"}
+            place |= {"textcoords": "offset points", "ha": "right"}
+            above.annotate("finished", (len(best) + 1, finished), color=VERMILION, **place)
+        above.margins(x=0.1 if marker else 0.05, y=0.25)
         above.set_ylabel(label)
         above.set_title(title, loc="left", fontweight="bold")
         colours = {"with_equilibrium": BLUE, "feasible": GREEN, "moving": VERMILION}
         words = {"with_equilibrium": "solved", "feasible": "feasible", "moving": "moving"}
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}
         for name, colour in colours.items():
-            below.plot(steps, history[name], color=colour, linestyle=styles[name], label=words[name])
+            below.plot(steps, history[name], color=colour, linestyle=styles[name], label=words[name], marker=marker)
+        below.margins(y=0.1)
         below.set_ylim(bottom=0)
+        below.xaxis.set_major_locator(MaxNLocator(integer=True))
         below.set_xlabel("step")
         below.set_ylabel("lanes")
         below.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0, borderaxespad=0.1)
