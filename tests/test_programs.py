@@ -12,8 +12,8 @@ from softgrip_jax.cli import programs
 
 CODE = """
 import sys
-from softgrip_jax.cli import main, programs, scenes
-import softgrip_jax.shell.flat as flat
+from softgrip_jax.cli import main
+from softgrip_jax.shell import flat
 if "known" in sys.argv:
     sys.argv.remove("known")
     def traced(*args):
