@@ -13,6 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .materials import Material, NeoHookean, nominal_stresses
+from .numerics.once import cos_and_sin
 from .numerics.roots import implicit
 
 Scalar = Float[Array, ""]
@@ -180,21 +181,21 @@ def inclined_wall(
     touches at the very edge there (rho* = a, no force) and depends on sqrt(d).
     """
     half = 0.5 * theta_m2
-    s, c = jnp.sin(incline), jnp.cos(incline)
-    sine2 = jnp.sin(half) ** 2
+    (c, s), (cosine, sine) = cos_and_sin(incline), cos_and_sin(half)
+    sine2, cot = sine * sine, cosine / sine
     depth = d + 2 * a * s
     apart = d > 0
     theta_i = first_contact_angle(jnp.where(apart, d / a, 1.0), incline)
     rho = a * jnp.where(apart, incline / theta_i, jnp.sign(incline))  # (4.19)
     radius = depth / (2 * sine2)  # (4.27)
-    c_2 = (a + rho) * c - depth / jnp.tan(half)  # (4.26)
-    bulge = (theta_m2 / sine2 - 2 / jnp.tan(half)) / (2 * (a + rho))
+    c_2 = (a + rho) * c - depth * cot  # (4.26)
+    bulge = (theta_m2 / sine2 - 2 * cot) / (2 * (a + rho))
     lean = -2 * jnp.sin(0.5 * incline) ** 2  # cos(theta_s) - 1
     strain = lean + depth * bulge  # (4.28)
     deep = depth > 0
     safe_depth = jnp.where(deep, depth, 1.0)
     part = jnp.sqrt(jnp.where(apart, d / safe_depth, 1.0))
-    theta_m1 = 2 * jnp.arcsin(jnp.sin(half) * jnp.where(apart | ~deep, part, 0.0))  # (4.31)
+    theta_m1 = 2 * jnp.arcsin(sine * jnp.where(apart | ~deep, part, 0.0))  # (4.31)
     c_1 = 2 * a * (1 + strain) - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
     c_z = (c_1 + c_2) * b * (a - rho) / a**2  # (4.34)
     # p = 2 T / R, (4.7), (4.30), with T and R each in proportion to the depth where it is small.

@@ -9,8 +9,9 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -34,11 +35,11 @@ BEGINNING = 1e-3
 """Of the way under pressure, where it begins to be followed."""
 
 
-class Span(NamedTuple):
+class Span(eqx.Module):
     """Pressures, Pa, and their places on the path, which begins with the external loads."""
 
     loading: Scalar
-    """Where the loads have arrived and the pressure begins to act; 1, or more for loads that are large."""
+    """Where the loads have arrived and the pressure begins to act: 1, more for loads that are large, 0 without any."""
     begin: Scalar
     step: Scalar
     """A typical change of pressure: the unit along the path."""
@@ -59,9 +60,14 @@ class Span(NamedTuple):
         half = 0.5 * (place - self.early)
         return self.begin + self.step * (half + jnp.sqrt(half * half + LATER * place))
 
+    def drive_at(self, u: Vector) -> Any:
+        """What `measured` needs to know of the pressure there."""
+        return self.pressure_at(u)
+
     def share_at(self, u: Vector) -> Scalar:
         """The share of the loads there: they arrive with zero slope, no kink for the tangent."""
-        return 1 - (1 - jnp.minimum(u[-1] / self.loading, 1)) ** 2
+        arrived = jnp.where(self.loading > 0, u[-1] / jnp.where(self.loading > 0, self.loading, 1), 1)
+        return 1 - (1 - jnp.minimum(arrived, 1)) ** 2
 
 
 class PathScene(Scene):
@@ -72,11 +78,12 @@ class PathScene(Scene):
         """The unknowns without any load: an exact solution at share 0 and no pressure."""
 
     @abc.abstractmethod
-    def measured(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
+    def measured(self, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
-        observed. Both come from one integration; what is not used is not computed."""
+        observed. Both come from one integration; what is not used is not computed. In place of the pressure there may
+        be what the scene's `Span.drive_at` gives."""
 
-    def ramped(self, unknowns: Vector, share: Scalar, pressure: Scalar) -> Vector:
+    def ramped(self, unknowns: Vector, share: Scalar, pressure: Any) -> Vector:
         """The equations alone."""
         return _measured(self, unknowns, share, pressure)[0]
 
@@ -98,7 +105,7 @@ class PathScene(Scene):
         return self.ramped(unknowns, jnp.ones_like(pressure), pressure)
 
     def _start(self, span: Span) -> Vector:
-        return jnp.append(self.rest(), jnp.where(self.is_unloaded(), span.loading, 0.0))
+        return jnp.append(self.rest(), jnp.zeros_like(span.loading))
 
     def _begun(self, u: Vector, span: Span, most: Scalar | float = jnp.inf) -> Vector:
         """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
@@ -109,7 +116,7 @@ class PathScene(Scene):
 
         def equations(u, args):
             scene, context, span = args
-            residual, observed = _measured(scene, u[:-1], span.share_at(u), span.pressure_at(u))
+            residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
             return residual, goal(context, u, observed)
 
         # Where the pressure alone acts the path is nearly straight.
@@ -118,10 +125,10 @@ class PathScene(Scene):
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
         # A fold before the pressure acts: the other loads alone have no equilibrium.
-        is_loading = end.point.u[-1] <= span.loading
+        is_loading = end.u[-1] <= span.loading
         status = jnp.where((status == Status.BEYOND_LIMIT) & is_loading, Status.IMPOSSIBLE, status)
         possible = admissible(self) & self.is_possible()
-        return end.point.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
+        return end.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
 
     def find(self, pressure):
         span = self.pressure_span()
@@ -206,7 +213,7 @@ class PathScene(Scene):
         loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
 
         def along(u):
-            return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.pressure_at(u))
+            return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))
 
         points, trusted = trace(along, self._begun(loaded.at[-1].set(span.loading), span), BRANCH_LENGTH / n, n)
 
@@ -220,7 +227,7 @@ class PathScene(Scene):
 
 
 @jax.jit
-def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Scalar) -> tuple[Vector, dict[str, Array]]:
+def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
     """`scene.measured`, traced once for all that asks for it."""
     return scene.measured(unknowns, share, pressure)
 

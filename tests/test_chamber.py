@@ -13,6 +13,7 @@ from softgrip_jax.pneunet.chamber import (
     chamber,
     contact_pressure,
     end_moment,
+    pressure_of_moment,
     small_strain_end_moment,
     wall_limit,
 )
@@ -204,3 +205,21 @@ def test_nonuniform_finger_is_a_batch_of_chambers():
         dataclasses.replace(finger, a=jnp.ones(3) * mm)
     with pytest.raises(ValueError, match="must be one of 'A'"):
         PneuNet.table_5_1("E")
+
+
+@pytest.mark.parametrize("gap", [0.0, 0.05, 0.9, 5.0])
+def test_the_pressure_of_a_moment(gap):
+    """The inverse of `end_moment`, from where the walls touch to the end of their model, and more than that beyond."""
+    finger = dataclasses.replace(A, h_x=jnp.asarray(gap * mm))
+    begin, end = contact_pressure(finger), wall_limit(finger)
+    pressures = begin + (end - begin) * jnp.asarray([1e-6, 1e-3, 0.1, 0.5, 0.9, 0.999])
+    moments = jax.vmap(moment, (None, 0, None))(finger, pressures, 0.0)
+    inverse = jax.jit(jax.vmap(pressure_of_moment, (None, 0)))
+    if gap == 0:  # a gap without a length has no room for a moment
+        assert np.all(moments == 0)
+        assert inverse(finger, jnp.ones(1)) == np.inf
+        return
+    np.testing.assert_allclose(inverse(finger, moments), pressures, rtol=1e-9)
+    np.testing.assert_allclose(inverse(finger, jnp.zeros(1)), begin, rtol=1e-12)
+    most = moment(finger, end * (1 - 1e-12), 0.0)
+    assert np.all(inverse(finger, most * jnp.asarray([1.001, 2.0, 100.0])) > end)

@@ -23,6 +23,8 @@ class Points(NamedTuple):
     weights: np.ndarray
     up_to: np.ndarray
     """up_to @ values: integrals from 0 to each point."""
+    beyond: np.ndarray
+    """beyond @ values: integrals from each point to 1."""
     spectrum: np.ndarray
     """spectrum @ values: coefficients of Legendre polynomials."""
 
@@ -33,7 +35,8 @@ def gauss_points(count: int) -> Points:
     x, weights = legendre.leggauss(count)
     spectrum = np.linalg.inv(legendre.legvander(x, count - 1))
     integrals = legendre.legval(x, legendre.legint(np.eye(count), lbnd=-1), tensor=True).T
-    return Points(0.5 * (x + 1), 0.5 * weights, 0.5 * integrals @ spectrum, spectrum)
+    up_to = 0.5 * integrals @ spectrum
+    return Points(0.5 * (x + 1), 0.5 * weights, up_to, 0.5 * weights - up_to, spectrum)
 
 
 def integrals(
@@ -43,6 +46,17 @@ def integrals(
     whole = widths * (values @ points.weights)
     ends = whole if len(whole) == 1 else jnp.cumsum(whole)
     return (ends - whole)[:, None] + widths[:, None] * (values @ points.up_to.T), ends
+
+
+def remaining(
+    values: Float[Array, "parts points"], widths: Float[Array, " parts"], points: Points
+) -> Float[Array, "parts points"]:
+    """Integrals from every point to the end of a line of several parts."""
+    within = widths[:, None] * (values @ points.beyond.T)
+    if len(values) == 1:
+        return within
+    whole = widths * (values @ points.weights)
+    return within + (jnp.sum(whole) - jnp.cumsum(whole))[:, None]
 
 
 def between(

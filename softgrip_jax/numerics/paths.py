@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .once import once
 from .queue import in_slots
 from .roots import implicit, select, solve_and_sign, solve_small
 
@@ -84,18 +85,15 @@ class Point(NamedTuple):
     u: Vector
     tangent: Vector
     goal: Scalar
-    rise: Scalar
-    """Of the goal, per arc length."""
     side: Scalar
     """Sign of det [Jacobian; tangent]: it is one and the same along a path, through limit points too, and another on
     the far side of a bifurcation or on the next branch. 0 where it is not known yet."""
 
 
 class Newton(NamedTuple):
-    """A Newton iteration under way: where it is, the goal there, and the sizes of its last two moves."""
+    """A Newton iteration under way: where it is, and the sizes of its last two moves."""
 
     u: Vector
-    goal: Scalar
     before_last: Scalar
     last: Scalar
     count: Int[Array, ""]
@@ -103,18 +101,19 @@ class Newton(NamedTuple):
 
 def _newton_from(guess: Vector) -> Newton:
     far = jnp.full((), jnp.inf, guess.dtype)
-    return Newton(guess, far, far, far, jnp.asarray(0))
+    return Newton(guess, far, far, jnp.asarray(0))
 
 
-def value_and_jacobian(
-    function: Callable[[Vector], Float[Array, " m"]], u: Vector
-) -> tuple[Float[Array, " m"], Float[Array, "m n"]]:
-    """function(u) and its Jacobian, with the function's own work done once."""
-    return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, 1))(jnp.eye(u.shape[0], dtype=u.dtype))
+def value_and_jacobian(function: Callable[[Vector], Any], u: Vector) -> tuple[Any, Any]:
+    """function(u), vectors or scalars, and their Jacobians, with the function's own work done once."""
+    return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, -1))(jnp.eye(u.shape[0], dtype=u.dtype))
 
 
 class Local(NamedTuple):
     """What one factorisation of the equations at a point tells of the path there."""
+
+    goal: Scalar
+    """Where the Newton step leads, as far as its slope tells."""
 
     tangent: Vector
     """A null vector of the equations' Jacobian."""
@@ -134,17 +133,16 @@ def _newton_step(
     """One Newton step towards the path in the plane through `guess` across the tangent or, with `to_goal`, towards the
     path where goal = 0; and what is known of the path before it."""
     u = newton.u
-    value, jacobian = value_and_jacobian(lambda u: jnp.append(*equations(u)), u)
-    last = jnp.where(to_goal, value[-1], jnp.dot(tangent, u - guess))
-    row = jnp.where(to_goal, jacobian[-1], tangent)
-    right = jnp.stack([value.at[-1].set(last), jnp.zeros_like(u).at[-1].set(1.0)], axis=1)
-    found, sign = solve_and_sign(jacobian.at[-1].set(row), right)
+    (value, goal), (jacobian, rise) = value_and_jacobian(equations, u)
+    last = jnp.where(to_goal, goal, jnp.dot(tangent, u - guess))
+    row = jnp.where(to_goal, rise, tangent)
+    right = jnp.stack([jnp.append(value, last), jnp.zeros_like(u).at[-1].set(1.0)], axis=1)
+    found, sign = solve_and_sign(jnp.concatenate([jacobian, row[None]]), right)
     move, null = found.T
     size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
     size = jnp.where(jnp.isfinite(size), size, jnp.inf)
-    goal = value[-1] - jnp.dot(jacobian[-1], move)
-    local = Local(null / jnp.linalg.norm(null), sign, jacobian[-1])
-    return Newton(u - move, goal, newton.last, size, newton.count + 1), local
+    local = Local(goal - jnp.dot(rise, move), null / jnp.linalg.norm(null), sign, rise)
+    return Newton(u - move, newton.last, size, newton.count + 1), local
 
 
 def _next_move(newton: Newton) -> Scalar:
@@ -174,9 +172,9 @@ def _arrived(
     within: Bool[Array, ""] | bool,
     first: Bool[Array, ""] | bool = False,
     polishing: Bool[Array, ""] | bool = False,
-) -> tuple[Point, Bool[Array, ""], Scalar]:
-    """Where a Newton iteration is, whether that can be trusted to be the path's next point once it has converged, and
-    about how far from there it was left by its first correction.
+) -> tuple[Point, Scalar, Bool[Array, ""], Scalar]:
+    """Where a Newton iteration is, how the goal rises along the path there, whether that can be trusted to be the
+    path's next point once it has converged, and about how far from there it was left by its first correction.
 
     It can if the tangent has not turned too far since `before`, no branch point was passed, and the correction was
     small (`within` a known piece of the path it may be large). At the first point the tangent was only guessed: it may
@@ -191,17 +189,19 @@ def _arrived(
     near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + jnp.where(polishing, 3 * SLACK, SLACK)
     ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
     trusted = jnp.where(first, ahead, (straight > jnp.where(polishing, POLISHED_TURN, TURN)) & (near | within))
-    left = correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0))
-    return Point(newton.u, tangent, newton.goal, rise, side), trusted & same_side, left
+    # Only the first correction tells: a Newton iteration that wanders may come back to its guess from far away.
+    left = jnp.where(newton.count > 1, jnp.inf, correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0)))
+    return Point(newton.u, tangent, local.goal, side), rise, trusted & same_side, left
 
 
 class Search(NamedTuple):
     """State of `follow`: where the path is, the step under way, and the bracket of a limit point."""
 
     before: Point
-    far: Point
+    """In the end, what was found."""
+    far: Vector
     """The far end of the interval that holds what is looked for."""
-    found: Point
+    far_goal: Scalar
     length: Scalar
     """Arc length of the next step, or the next trial inside the bracket."""
     low: Scalar
@@ -231,9 +231,9 @@ class Search(NamedTuple):
 
 
 class End(NamedTuple):
-    """Where a search ended: REACHED (point.u has goal = 0), FOLD (point.u is a limit point) or ENDED."""
+    """Where a search ended: REACHED (u has goal = 0), FOLD (u is a limit point) or ENDED."""
 
-    point: Point
+    u: Vector
     reason: Int[Array, ""]
     iterations: Int[Array, ""]
     """Newton iterations."""
@@ -253,12 +253,12 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         )
         first = (search.count == 0) & ~to_goal
         within = to_goal & ~_directly(search)
-        new, trusted, left = _arrived(newton, local, search.before, search.guess, within, first, search.polishing)
+        new, rise, trusted, left = _arrived(newton, local, search.before, search.guess, within, first, search.polishing)
         roughly = stepping & ~search.polishing & (jnp.abs(new.tangent[-1]) > STEEP)
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
         newton = newton._replace(last=jnp.where(left <= accuracy.left, 0.0, newton.last))
         good = trusted & _converged(newton, accuracy)
-        stepped = _after_step(search, new, good, roughly)
+        stepped = _after_step(search, new, rise, good, roughly)
         folding = _after_fold_trial(search, new, good)
         reached = _after_goal_trial(search, new, good)
         chosen = select(stepping, stepped, select(to_goal, reached, folding))
@@ -271,17 +271,17 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         return (search.mode < REACHED) & (search.count < MAX_STEPS)
 
     end = in_slots(busy, iterate, _begin(u, first), args)
-    return End(end.found, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
+    return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 
 def _begin(u: Vector, length: Scalar | float) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
-    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero)
+    start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero)
     no, mode = jnp.asarray(False), jnp.asarray(STEPPING)
     length = zero + length
     return Search(
-        *(start, start, start, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, no, mode, count),
+        *(start, u, zero, length, zero, zero, zero, zero, zero, count, no, 0 * u, no, no, mode, count),
         guess=u,
         newton=_newton_from(u),
         iterations=count,
@@ -290,29 +290,30 @@ def _begin(u: Vector, length: Scalar | float) -> Search:
 
 def _aimed(search: Search) -> Search:
     """With a guess of the next trial: a quadratic as the path bent before, or through `before`, its tangent, `far`."""
-    before, far, length, high = search.before, search.far, search.length, search.high
-    through_far = (far.u - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
+    before, length, high = search.before, search.length, search.high
+    through_far = (search.far - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
     bend = jnp.where((search.mode == STEPPING) | _directly(search), 0.5 * search.bend, through_far)
     guess = before.u + jnp.where((search.count == 0) | search.polishing, 0.0, length) * (before.tangent + length * bend)
+    guess = once(guess)
     return search._replace(guess=guess, newton=_newton_from(guess))
 
 
 def _to_goal(search: Search) -> Search:
     """Aim at the goal between `before` and `far`: a straight line, or a parabola with its top at a limit point."""
-    near, there = search.before.goal, search.far.goal
+    near, there = search.before.goal, search.far_goal
     rest = there / jnp.where(there > near, there - near, 1.0)
     share = 1 - jnp.where(search.at_fold, jnp.sqrt(jnp.maximum(rest, 0.0)), rest)
     return search._replace(length=search.high * jnp.clip(share, 0.0, 1.0), mode=jnp.asarray(TO_GOAL))
 
 
-def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool[Array, ""]) -> Search:
+def _after_step(search: Search, new: Point, rise: Scalar, good: Bool[Array, ""], roughly: Bool[Array, ""]) -> Search:
     first = search.count == 0
     shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
     length = jnp.where(first, search.length, longer)
     # Where the goal seems to be within the next step, that step is to end there.
-    rest = -new.goal / jnp.where(new.rise > 0, new.rise, 1.0)
-    near = (new.rise > 0) & (rest < length)
+    rest = -new.goal / jnp.where(rise > 0, rise, 1.0)
+    near = (rise > 0) & (rest < length)
     ahead = search._replace(
         before=new,
         bend=bend,
@@ -323,7 +324,8 @@ def _after_step(search: Search, new: Point, good: Bool[Array, ""], roughly: Bool
         mode=jnp.where(near, TO_GOAL, STEPPING),
     )
     interval = search._replace(
-        far=new,
+        far=new.u,
+        far_goal=new.goal,
         low=jnp.zeros_like(search.low),
         high=search.length,
         stride=search.length,
@@ -354,7 +356,7 @@ def _directly(search: Search) -> Bool[Array, ""]:
 
 
 def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
-    reached = search._replace(found=new, mode=jnp.asarray(REACHED))
+    reached = search._replace(before=new, mode=jnp.asarray(REACHED))
     directly = _directly(search)
     # A goal that was not where it seemed to be: the step that would have been made without it.
     on = search._replace(length=search.stride, mode=jnp.asarray(STEPPING))
@@ -389,7 +391,8 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Sear
     side = jnp.where(rising, 1, -1)
     again = jnp.where(side == search.rose, 0.5, 1.0)
     inner = search._replace(
-        far=select(rising, search.far, new),
+        far=jnp.where(rising, search.far, new.u),
+        far_goal=jnp.where(rising, search.far_goal, new.goal),
         low=jnp.where(rising, search.length, search.low),
         high=jnp.where(rising, search.high, search.length),
         rise_low=jnp.where(rising, rise, again * search.rise_low),
@@ -400,9 +403,9 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Sear
     done = jnp.abs(rise) < FLAT
     # A bracket that closes where the tangent jumps holds no limit point.
     lost = ~good | (~done & (inner.high - inner.low < 1e-12))
-    at_fold = search._replace(far=new, found=new, high=search.length, at_fold=jnp.asarray(True))
+    at_fold = search._replace(far=new.u, far_goal=new.goal, high=search.length, at_fold=jnp.asarray(True))
     over = new.goal >= 0
-    aimed, stopped = _to_goal(at_fold), at_fold._replace(mode=jnp.asarray(FOLD))
+    aimed, stopped = _to_goal(at_fold), at_fold._replace(before=new, mode=jnp.asarray(FOLD))
     finished = select(over, aimed, stopped)
     back = _step_again(search)
     return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
@@ -493,12 +496,12 @@ def trace(
         def step(state):
             return _newton_step(lambda u: (residual(u), zero), point.tangent, guess, False, state[0])
 
-        start = (_newton_from(guess), Local(0 * u, zero, 0 * u))
+        start = (_newton_from(guess), Local(zero, 0 * u, zero, 0 * u))
         newton, local = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
-        new, trusted, _ = _arrived(newton, local, point, guess, False)
+        new, _, trusted, _ = _arrived(newton, local, point, guess, False)
         return new, trusted & _converged(newton, FINE)
 
-    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero, zero), u)
+    start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero), u)
 
     def next_point(state, _):
         point, length, alive = state

@@ -56,27 +56,31 @@ def _through_slots(busy, iterate, start, context, is_batched, size: int, slots: 
     def contexts(lanes):
         return jax.tree.map(lambda v, b: v[lanes] if b else v, context, is_batched[1])
 
-    def states(lanes):
-        return jax.vmap(unpack)(packed[jnp.minimum(lanes, size - 1)])
+    def one_on(state, context):
+        """One iteration of what is busy, and whether it still is."""
+        before = unpack(state)
+        after = iterate(before, context)
+        new = jnp.where(busy(before), ravel_pytree(after)[0], state)
+        return new, busy(unpack(new))
 
     def step(state):
-        lanes, current, following, results = state
+        lanes, current, following, done, found = state
         occupied = lanes < size
-        going = occupied & jax.vmap(busy)(current)
-        new = jax.vmap(iterate, (0, axes))(current, contexts(jnp.minimum(lanes, size - 1)))
-        new = jax.vmap(lambda go, a, b: jax.tree.map(lambda x, y: jnp.where(go, x, y), a, b))(going, new, current)
-        ended = occupied & ~jax.vmap(busy)(new)
-        rows = jax.vmap(lambda state: ravel_pytree(state)[0])(new)
-        results = results.at[jnp.where(ended, lanes, size)].set(rows, mode="drop")
-        taken = following + jnp.cumsum(ended) - 1
+        new, going = jax.vmap(one_on, (0, axes))(current, contexts(jnp.minimum(lanes, size - 1)))
+        ended = occupied & ~going
+        # What has ended goes to the front of a block, and the next block over the rest of this one: rows written to
+        # places of their own would be a loop over the slots.
+        rows = jnp.concatenate([new, lanes[:, None].astype(new.dtype)], axis=1)
+        so_far = jnp.cumsum(ended)
+        first = jnp.searchsorted(so_far, jnp.arange(1, slots + 1), method="compare_all" if slots < 1000 else "scan")
+        found = lax.dynamic_update_slice(found, rows[first], (done, 0))
+        taken = following + so_far - 1
         lanes = jnp.where(ended, taken, lanes)
-        new = jax.vmap(lambda end, a, b: jax.tree.map(lambda x, y: jnp.where(end, x, y), a, b))(
-            ended, states(lanes), new
-        )
-        return lanes, new, following + jnp.sum(ended), results
+        new = jnp.where(ended[:, None], packed[jnp.minimum(lanes, size - 1)], new)
+        count = so_far[-1]
+        return lanes, new, following + count, done + count, found
 
-    lanes = jnp.arange(slots)
-    *_, results = lax.while_loop(
-        lambda state: jnp.any(state[0] < size), step, (lanes, states(lanes), jnp.asarray(slots), jnp.zeros_like(packed))
-    )
-    return jax.vmap(unpack)(results)
+    lanes, none = jnp.arange(slots), jnp.asarray(0)
+    found = jnp.zeros((size + slots, packed.shape[1] + 1), packed.dtype)
+    *_, found = lax.while_loop(lambda state: state[3] < size, step, (lanes, packed[:slots], none + slots, none, found))
+    return jax.vmap(unpack)(found[jnp.argsort(found[:size, -1]), :-1])

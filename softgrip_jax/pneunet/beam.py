@@ -22,8 +22,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..numerics.collocation import Points, between, integrals
-from ..numerics.roots import differentiated_once
+from ..numerics.collocation import Points, between, integrals, remaining
+from ..numerics.once import cos_and_sin, differentiated_once
 from ..numerics.shooting import adaptive
 from .section import SectionLaw
 
@@ -90,11 +90,16 @@ def forces(cover: Cover, s: Array) -> tuple[Array, Array]:
 
 
 @differentiated_once
+def _section(law: SectionLaw, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+    """(m, lambda) of the section."""
+    return law.bent(z, n)
+
+
 def _at_a_point(cover: Cover, s: Scalar, curvature: Scalar, theta: Scalar) -> tuple[Scalar, ...]:
     """(M on the section, stretch, dx/ds, dy/ds, dM_ext/ds)."""
     p, q = forces(cover, s)
-    cosine, sine = jnp.cos(theta), jnp.sin(theta)
-    moment, stretch = cover.law.bent(cover.slenderness * curvature, p * cosine + q * sine)
+    cosine, sine = cos_and_sin(theta)
+    moment, stretch = _section(cover.law, cover.slenderness * curvature, p * cosine + q * sine)
     dx, dy = stretch * cosine, stretch * sine
     return moment, stretch, dx, dy, (p * dy - q * dx) / cover.slenderness
 
@@ -107,10 +112,9 @@ def bend(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: 
     s = parts.low[:, None] + widths[:, None] * points.places[None]
     every = jax.vmap(jax.vmap(_at_a_point, (None, 0, 0, 0)), (None, 0, 0, 0))
     moment, stretch, dx, dy, change = every(cover, s, curvature, theta)
-    external, at_tip = integrals(change, widths, points)
     x, y = integrals(dx, widths, points)[1], integrals(dy, widths, points)[1]
-    at_clamp = -at_tip[-1]
-    return Line(curvature, theta, stretch, moment, at_clamp + external, at_clamp, (dx, dy), clamp + turns, (x, y))
+    external, at_clamp = -remaining(change, widths, points), -integrals(change, widths, points)[1][-1]
+    return Line(curvature, theta, stretch, moment, external, at_clamp, (dx, dy), clamp + turns, (x, y))
 
 
 def at_place(line: Line, parts: Part, clamp: Scalar, s: Scalar, points: Points) -> tuple[Scalar, ...]:
@@ -141,7 +145,7 @@ def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
     """d(state)/ds, with the section's state solved for at every place."""
     cover, active = args
     p, q = forces(cover, s)
-    cosine, sine = jnp.cos(state.theta), jnp.sin(state.theta)
+    cosine, sine = cos_and_sin(state.theta)
     z, stretch = cover.law(state.moment + active, p * cosine + q * sine)
     dx, dy = stretch * cosine, stretch * sine
     return State(z / cover.slenderness, (p * dy - q * dx) / cover.slenderness, dx, dy)

@@ -19,7 +19,8 @@ from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
 from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
-from ..numerics.roots import bracketed_root, differentiated_once, implicit, newton_bracketed
+from ..numerics.once import differentiated_once
+from ..numerics.roots import bracketed_root, implicit, newton_bracketed
 from ..results import Solution, Status, gate
 from ..scene import contact_pressure as scene_contact_pressure
 from ..scene import frozen, limit_pressure, solve
@@ -272,6 +273,24 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
+
+
+def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
+    """The pressure (Pa) at which parallel neo-Hookean walls exert M_T (N m): the inverse of `end_moment`.
+
+    Pressure and area of contact grow together with theta_m2, so there is one. More than the walls can exert gives a
+    pressure beyond `wall_limit`. No derivatives pass through.
+    """
+    scene, moment = lax.stop_gradient((Chamber(finger, jnp.zeros_like(finger.L)), moment))
+    low = jnp.maximum(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
+    high = jnp.pi + jnp.zeros_like(low)
+
+    def exerted(angle):
+        return scene.observe(angle, scene.load(angle))["end_moment"]
+
+    angle = bracketed_root(lambda angle: exerted(angle) - moment, low, high).x
+    most = exerted(high)
+    return scene.load(jnp.where(moment > 0, angle, low)) * jnp.where(moment > most, moment / most, 1.0)
 
 
 def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:

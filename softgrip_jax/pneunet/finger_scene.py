@@ -19,10 +19,11 @@ from jaxtyping import Array, Float
 from ..checked import is_concrete, to_float_array
 from ..materials import NeoHookean
 from ..numerics.collocation import Points, gauss_points
+from ..numerics.once import once
 from ..path_scene import LATER, PathScene, Span
 from ..results import Solution, Status
 from .beam import Cover, Line, Loads, Part, State, at_place, bend, shot
-from .chamber import LEAST_ANGLE, Chamber, end_moment, wall_limit
+from .chamber import LEAST_ANGLE, Chamber, end_moment, pressure_of_moment, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
 
@@ -40,6 +41,8 @@ ROUGH = 0.05
 limit: up to 0.04, and 8e-4), what is integrated being right to the square."""
 EARLY = 1e-3
 """See Span.early: of fingers without loads, whose way begins with the pressure."""
+SLOWLY = 4.0
+"""See MomentSpan: of fingers with other loads. The less, the sharper the path turns where the chambers begin."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 
@@ -63,6 +66,43 @@ class PartChamber(NamedTuple):
 
     fields: dict[str, Scalar]
     share: Scalar
+
+
+class Moment(NamedTuple):
+    """What parallel chambers, all alike, do to the cover, in place of the pressure in them."""
+
+    active: Scalar
+    """M_T over mu B H^2."""
+
+
+class MomentSpan(Span):
+    """The way of a finger whose chambers are all alike and keep parallel walls: its coordinate is their moment.
+
+    The moment alone acts on the cover, so the chambers are solved for at the ends of the way and not on it. After other
+    loads it begins with zero slope, as x^2 / (x + early) in units of EI / L: no kink for the tangent.
+    """
+
+    finger: PneuNet
+
+    def _unit(self) -> Scalar:
+        """EI / L, N m."""
+        return self.finger.moment_scale() * self.finger.H / (3 * self.finger.L)
+
+    def place_of(self, pressure):
+        moment = end_moment(self.finger, jnp.minimum(pressure, self.end), jnp.zeros_like(self.end)) / self._unit()
+        x = 0.5 * (moment + jnp.sqrt(moment * (moment + 4 * self.early)))
+        return self.loading + x + jnp.maximum(pressure - self.end, 0) / self.step
+
+    def _moment_at(self, u: Array) -> Scalar:
+        """In units of EI / L."""
+        x = jnp.maximum(u[-1] - self.loading, 0)
+        return x * x / jnp.where(x > 0, x + self.early, 1.0)
+
+    def pressure_at(self, u):
+        return pressure_of_moment(self.finger, self._moment_at(u) * self._unit())
+
+    def drive_at(self, u):
+        return Moment(self._moment_at(u) * self.finger.H / (3 * self.finger.L))
 
 
 class Bent(NamedTuple):
@@ -119,7 +159,7 @@ class FingerScene(PathScene):
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar) -> Bent:
+    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from its unknowns: the curvatures L theta' at all points, each times the root of its weight, so
         that their norm is that of the curvature along the beam."""
         parts, points = self.chambers()
@@ -128,10 +168,14 @@ class FingerScene(PathScene):
         cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
         line = bend(cover, self.clamp(), parts, curvature, points)
         turned = -widths * (curvature @ points.weights)
-        # A part that bends backwards keeps parallel walls.
-        inclinations = jnp.maximum(parts.chamber.share * turned, 0.0)
-        active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
-        gaps = line.gaps(active).reshape(-1) * 3 / cover.slenderness
+        if isinstance(pressure, Moment):
+            active = -pressure.active + jnp.zeros(len(widths))
+        else:
+            # A part that bends backwards keeps parallel walls.
+            parallel = self.inclination == "none"
+            inclinations = jnp.zeros_like(turned) if parallel else jnp.maximum(parts.chamber.share * turned, 0.0)
+            active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
+        gaps = once(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
         return Bent(cover, parts, line, active, gaps, turned)
 
     def is_arcs(self) -> bool:
@@ -162,7 +206,7 @@ class FingerScene(PathScene):
         points = gauss_points(self.points if count == 1 else max(PART_POINTS, 1 - (-self.points // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]
-        lengths = pitch / jnp.sum(pitch)
+        lengths = pitch / jnp.sum(pitch) if count > 1 else np.ones(1)
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
         # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
         share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
@@ -194,8 +238,12 @@ class FingerScene(PathScene):
 
         begin, scale, end = jax.vmap(of)(fields)
         loads = _tension(self)
-        early = jnp.where(self.is_unloaded(), EARLY, LATER)
-        return Span(jnp.maximum(loads / LOADING, 1.0), jnp.min(begin), jnp.min(scale), jnp.min(end), early)
+        loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
+        numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
+        alike = finger.segments is None and self.inclination == "none" and not self.is_arcs()
+        if alike and isinstance(finger.material, NeoHookean):
+            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger)
+        return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
     def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""
@@ -231,7 +279,7 @@ class FingerScene(PathScene):
         tip = shot(bent.cover, start, bent.parts, bent.active, tolerance)
         return jnp.hypot(tip.x - bent.line.ends[0][-1], tip.y - bent.line.ends[1][-1])
 
-    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar) -> Bent:
+    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""
         raise NotImplementedError
 

@@ -159,7 +159,7 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
     def equations(u, args):
         return jnp.append(*along(u, args))
 
-    mass = implicit(equations, end.point.u, (scene, pressure, unit))[-1] * unit
+    mass = implicit(equations, end.u, (scene, pressure, unit))[-1] * unit
     return jnp.where(ok, jnp.maximum(mass, 0.0), jnp.nan)
 
 

@@ -6,6 +6,7 @@ import abc
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..checked import admissible, choice, count, finite, part, vector
@@ -59,7 +60,8 @@ class HeldTip(FingerScene):
         x, y = (end[-1] for end in bent.line.ends)
         away = y - share * self.offset_at(x * length) / length
         observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
-        return jnp.append(away, bent.gaps), observed
+        n = len(bent.gaps)
+        return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
 
     def profile(self, unknowns, pressure, n):
         return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)

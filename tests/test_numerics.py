@@ -1,0 +1,69 @@
+"""What everything is solved with, against NumPy and closed forms."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+from numpy.polynomial import legendre
+
+from softgrip_jax.numerics.collocation import gauss_points, integrals, remaining
+from softgrip_jax.numerics.once import cos_and_sin, differentiated_once, once
+from softgrip_jax.numerics.roots import ELIMINATED, solve_and_sign
+
+
+@pytest.mark.parametrize("n", [2, 3, 10, ELIMINATED, ELIMINATED + 5])
+def test_lanes_of_linear_equations_and_the_sign_of_their_determinants(n):
+    """In a batch, alone, and with a matrix for all; rows must be exchanged: some pivots are zero."""
+    random = np.random.default_rng(n)
+    matrices, right = random.normal(size=(70, n, n)), random.normal(size=(70, n, 2))
+    matrices[::3, 0, 0] = 0
+    matrices[1::3] = matrices[1::3, random.permutation(n)] * 1e3
+    x, sign = jax.jit(jax.vmap(solve_and_sign))(matrices, right)
+    expected = np.linalg.solve(matrices, right)
+    size = np.max(np.abs(expected), axis=(1, 2)) * np.linalg.cond(matrices)
+    assert np.all(np.max(np.abs(x - expected), axis=(1, 2)) < 1e-14 * size)
+    assert np.array_equal(sign, np.sign(np.linalg.det(matrices)))
+    one, its_sign = solve_and_sign(matrices[0], right[0])
+    np.testing.assert_allclose(one, x[0], rtol=1e-9)
+    assert its_sign == sign[0]
+    same, _ = jax.vmap(solve_and_sign, (None, 0))(matrices[0], right)
+    np.testing.assert_allclose(same[0], one, rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [3, ELIMINATED + 1])
+def test_a_singular_lane_is_not_finite_and_spoils_no_other(n):
+    random = np.random.default_rng(n)
+    matrices, right = random.normal(size=(5, n, n)), random.normal(size=(5, n, 1))
+    matrices[2] = 0
+    x, _ = jax.vmap(solve_and_sign)(matrices, right)
+    assert not np.any(np.isfinite(x[2]))
+    others = np.array([0, 1, 3, 4])
+    np.testing.assert_allclose(x[others], np.linalg.solve(matrices[others], right[others]), rtol=1e-9)
+
+
+def test_what_is_computed_once_has_the_derivatives_that_it_should_have():
+    angle = jnp.linspace(-7.0, 7.0, 9)
+    cosine, sine = cos_and_sin(angle)
+    assert np.max(np.abs(cosine - np.cos(angle))) < 3e-16
+    assert np.max(np.abs(sine - np.sin(angle))) < 3e-16
+    check_grads(cos_and_sin, (angle,), order=3, rtol=1e-6)
+    check_grads(lambda x: once(jnp.asarray(x) ** 3), (angle,), order=3, rtol=1e-6)
+    both = differentiated_once(lambda a, b: (a * jnp.sin(b), b / a))
+    check_grads(both, (1.3, 0.4), order=3, rtol=1e-6)
+
+
+@pytest.mark.parametrize("parts", [1, 4])
+def test_integrals_along_a_line_of_parts(parts):
+    """Of a polynomial that the points know exactly, from the beginning and to the end."""
+    points, coefficients = gauss_points(6), np.random.default_rng(parts).normal(size=6)
+    bounds = np.concatenate([[0.0], np.sort(np.random.default_rng(1).random(parts - 1)), [1.0]])
+    widths = np.diff(bounds)
+    places = bounds[:-1, None] + widths[:, None] * points.places
+    whole = legendre.legint(coefficients, lbnd=0.0)
+    values = jnp.asarray(legendre.legval(places, coefficients))
+    up_to, ends = integrals(values, jnp.asarray(widths), points)
+    np.testing.assert_allclose(up_to, legendre.legval(places, whole), atol=1e-14)
+    np.testing.assert_allclose(ends, legendre.legval(bounds[1:], whole), atol=1e-14)
+    rest = legendre.legval(1.0, whole) - legendre.legval(places, whole)
+    np.testing.assert_allclose(remaining(values, jnp.asarray(widths), points), rest, atol=1e-14)
