@@ -112,6 +112,17 @@ def test_nothing_is_followed_past_eulers_load():
     assert np.all(turned[1, 2:][ok[1, 2:]] > 0.3)
 
 
+def test_a_correction_that_comes_back_from_far_away_is_no_point_of_the_path():
+    """A step of the path wanders here by 4, 2 and 0.7 and comes by its guess: it once counted, and the search was lost."""
+    f = {"a": 4.583, "b": 6.086, "h_x": 0.966, "t_m": 1.195, "h_L": 4.21, "H": 4.153, "B": 16.467, "L": 62.509}
+    f, p, loads = f | {"mu": 0.15925}, 0.024407, (-17.991, 0.03206, (0.0002934, 0.0023916))
+    found = solved([contact(f, "exact", *loads)], [p])
+    np.testing.assert_array_equal(found["status"], OK)
+    _, force, end = ref.held_tip(f, "exact", [(f["L"], ref.end_moment(f, p))], *loads)
+    np.testing.assert_allclose(found["tip_force"][0], force, rtol=1e-7)
+    np.testing.assert_allclose(found["tip"][0], end[2:], rtol=0, atol=1e-7 * f["L"])
+
+
 @pytest.mark.parametrize("mu", [0.016, 0.012])
 def test_very_heavy_finger_is_a_boundary_layer_at_the_clamp(mu):
     """w L^3 / EI = 205 and 274: the finger hangs down from a bend of 5 mm whose moment is 0.39 and 0.43 mu B H^2; no

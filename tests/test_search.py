@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import signal
 import threading
+import time
 
 import jax
 import jax.numpy as jnp
@@ -107,6 +108,7 @@ def test_a_finish_in_threads_is_stopped(monkeypatch):
             asked.append(len(t))
             if len(asked) == 2:
                 signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+                time.sleep(0.5)  # the main thread hears of it only when it runs
         return whole(self, t)
 
     unstopped = search(rosen_suzuki(), starts=16, steps=20)
