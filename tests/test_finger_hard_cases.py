@@ -113,7 +113,7 @@ def test_nothing_is_followed_past_eulers_load():
 
 
 def test_a_correction_that_comes_back_from_far_away_is_no_point_of_the_path():
-    """A step of the path wanders here by 4, 2 and 0.7 and comes by its guess: it once counted, and the search was lost."""
+    """A step of the path wanders here by 4, 2 and 0.7 and comes by its guess: it once counted as found."""
     f = {"a": 4.583, "b": 6.086, "h_x": 0.966, "t_m": 1.195, "h_L": 4.21, "H": 4.153, "B": 16.467, "L": 62.509}
     f, p, loads = f | {"mu": 0.15925}, 0.024407, (-17.991, 0.03206, (0.0002934, 0.0023916))
     found = solved([contact(f, "exact", *loads)], [p])
