@@ -41,13 +41,13 @@ BASES = ((2, 3), (3, 4), (4, 6))
 """(across, along) polynomials of the energy membrane, the last its default; the dearest rung has one and two more."""
 
 # What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
-# 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of two or so.
-ARC_COST, COUPLED_ARC_COST = 0.8, 20.0
-PATH_COST, POINT_COST = 11.0, 0.1
+# 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of three.
+ARC_COST, COUPLED_ARC_COST = 0.2, 4.0
+PATH_COST, POINT_COST = 1.2, 0.016
 """Following a path, and the square of the points along the finger on top."""
-WEIGHT_COST = 4.0
+WEIGHT_COST = 5.0
 """Loads are a path of their own, before the pressure."""
-SECTION_COST = {"exact": 1.0, "thesis": 0.8, "inextensible": 0.45}
+SECTION_COST = {"exact": 1.0, "thesis": 1.7, "inextensible": 0.9}
 SHELL_COST = 2.0
 ENERGY_COST = 18.0
 """Per product of polynomials."""
