@@ -112,6 +112,15 @@ def test_nothing_is_followed_past_eulers_load():
     assert np.all(turned[1, 2:][ok[1, 2:]] > 0.3)
 
 
+def test_a_thick_cover_outlasts_its_chambers():
+    """No fold: the largest pressure is where the walls' model ends (once NaN, for the path stopped right before it)."""
+    f = TYPE_A | {"H": 20.0, "L": 30.0}
+    limit = float(sg.limit_pressure(contact(f, "exact"))) / 1e6
+    np.testing.assert_allclose(limit, ref.wall_limit(f), rtol=1e-9)
+    found = solved([contact(f, "exact")] * 3, [0.5 * limit, 0.999 * limit, 1.001 * limit])
+    np.testing.assert_array_equal(found["status"], [OK, OK, BEYOND])
+
+
 def test_a_correction_that_comes_back_from_far_away_is_no_point_of_the_path():
     """A step of the path wanders here by 4, 2 and 0.7 and comes by its guess: it once counted as found."""
     f = {"a": 4.583, "b": 6.086, "h_x": 0.966, "t_m": 1.195, "h_L": 4.21, "H": 4.153, "B": 16.467, "L": 62.509}
