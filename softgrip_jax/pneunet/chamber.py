@@ -275,6 +275,11 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
 
 
+def touching_angle(finger: PneuNet) -> Scalar:
+    """theta_m2 where parallel walls touch: the free arc that reaches the plane, (4.15)."""
+    return jnp.maximum(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
+
+
 def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
     """The pressure (Pa) at which parallel neo-Hookean walls exert M_T (N m): the inverse of `end_moment`.
 
@@ -282,7 +287,7 @@ def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
     pressure beyond `wall_limit`. No derivatives pass through.
     """
     scene, moment = lax.stop_gradient((Chamber(finger, jnp.zeros_like(finger.L)), moment))
-    low = jnp.maximum(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
+    low = touching_angle(finger)
     high = jnp.pi + jnp.zeros_like(low)
 
     def exerted(angle):

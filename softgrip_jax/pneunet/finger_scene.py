@@ -23,7 +23,7 @@ from ..numerics.once import once
 from ..path_scene import LATER, PathScene, Span
 from ..results import Solution, Status
 from .beam import Cover, Line, Loads, Part, State, at_place, bend, shot
-from .chamber import LEAST_ANGLE, Chamber, end_moment, pressure_of_moment, wall_limit
+from .chamber import Chamber, end_moment, pressure_of_moment, touching_angle, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
 
@@ -231,7 +231,7 @@ class FingerScene(PathScene):
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
-            touch = wall.load(jnp.maximum(2 * jnp.arctan(wall.finger.h_x / wall.finger.a), LEAST_ANGLE))
+            touch = wall.load(touching_angle(one))
             if isinstance(finger.material, NeoHookean):
                 return touch, scale, wall.load(jnp.pi + jnp.zeros_like(scale))
             return touch, scale, wall_limit(wall.finger)

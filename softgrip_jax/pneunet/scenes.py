@@ -60,7 +60,7 @@ class HeldTip(FingerScene):
         x, y = (end[-1] for end in bent.line.ends)
         away = y - share * self.offset_at(x * length) / length
         observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
-        n = len(bent.gaps)
+        n = len(bent.gaps)  # put together by products: of what is concatenated XLA computes entry by entry
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
 
     def profile(self, unknowns, pressure, n):
