@@ -170,6 +170,7 @@ def tension_over_strain(material: Material, t_m: Scalar, strain: Scalar) -> Scal
     return jnp.where(small, mean, tension(1 + safe) / safe)
 
 
+@jax.jit
 def inclined_wall(
     theta_m2: Scalar, a: Scalar, b: Scalar, t_m: Scalar, material: Material, d: Scalar, incline: Scalar
 ) -> InclinedWall:

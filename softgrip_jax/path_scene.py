@@ -54,6 +54,10 @@ class Span(eqx.Module):
         x = jnp.maximum(pressure - self.begin, 0) / self.step
         return self.loading + x * (x + self.early) / (x + LATER)
 
+    def last(self) -> Scalar:
+        """The place of `end`."""
+        return self.place_of(self.end)
+
     def pressure_at(self, u: Vector) -> Scalar:
         """The pressure at a point of the path."""
         place = jnp.maximum(u[-1] - self.loading, 0)
@@ -83,15 +87,15 @@ class PathScene(Scene):
         observed. Both come from one integration; what is not used is not computed. In place of the pressure there may
         be what the scene's `Span.drive_at` gives."""
 
-    def ramped(self, unknowns: Vector, share: Scalar, pressure: Any) -> Vector:
-        """The equations alone."""
-        return _measured(self, unknowns, share, pressure)[0]
-
     def observe(self, unknowns, pressure):
         return self.evaluated(unknowns, pressure)[1]
 
     def evaluated(self, unknowns, pressure):
-        return _measured(self, unknowns, jnp.ones_like(pressure), pressure)
+        return _measured(self, unknowns, jnp.ones_like(pressure), self.driven(pressure))
+
+    def driven(self, pressure: Scalar) -> Any:
+        """What `measured` is given of a pressure, as `Span.drive_at` gives it on the way."""
+        return pressure
 
     @abc.abstractmethod
     def pressure_span(self) -> Span:
@@ -102,7 +106,7 @@ class PathScene(Scene):
         return jnp.asarray(False)
 
     def residual(self, unknowns, pressure):
-        return self.ramped(unknowns, jnp.ones_like(pressure), pressure)
+        return self.evaluated(unknowns, pressure)[0]
 
     def _start(self, span: Span) -> Vector:
         return jnp.append(self.rest(), jnp.zeros_like(span.loading))
@@ -133,7 +137,7 @@ class PathScene(Scene):
     def find(self, pressure):
         span = self.pressure_span()
         wanted = span.place_of(pressure)
-        reachable = jnp.minimum(wanted, span.place_of(span.end))
+        reachable = jnp.minimum(wanted, span.last())
         u, status, steps = self._search(self._begun(self._start(span), span, reachable), _to_place, reachable, span)
         status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
         possible = (pressure >= 0) & (pressure < jnp.inf)
@@ -145,7 +149,7 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._begun(self._start(span), span), _to_place, span.place_of(span.end), span)
+        u, status, _ = self._search(self._begun(self._start(span), span), _to_place, span.last(), span)
         at_fold = status == Status.BEYOND_LIMIT
         pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
@@ -199,7 +203,7 @@ class PathScene(Scene):
         def equations(point, args):
             scene, target, step = args
             p = point[-1] * step
-            residual, observed = _measured(scene, point[:-1], jnp.ones_like(p), p)
+            residual, observed = scene.evaluated(point[:-1], p)
             return jnp.append(residual, surplus(target, point, observed))
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
@@ -213,7 +217,7 @@ class PathScene(Scene):
         loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
 
         def along(u):
-            return self.ramped(u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))
+            return _measured(self, u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
 
         points, trusted = trace(along, self._begun(loaded.at[-1].set(span.loading), span), BRANCH_LENGTH / n, n)
 

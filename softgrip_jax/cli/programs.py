@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import hashlib
 import os
 import pickle
@@ -17,14 +18,23 @@ OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 """XLA's newer way of writing loops takes more than half of the time in which a finger compiles, and saves a single
 solve nothing. XLA leaves the process over a flag that it does not know: it is set for versions that were seen."""
 SEEN_BELOW = (0, 11)
+QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 4}
+"""For a program that runs once: LLVM's optimisation takes a third of its compile time, and saves less than a
+millisecond."""
 
 _folder: Path | None = None
 """Where programs are kept; nowhere unless this process is a command."""
 
 
+COLLECTED = 1_000_000
+"""Objects between two looks for what nobody holds any more: while JAX is imported and traces nearly all of them are
+kept, and with Python's 700 looking takes a sixth of the first answer."""
+
+
 def settings() -> None:
-    """For XLA and JAX in this process, before they are imported; what the user has set stays."""
+    """For Python, XLA and JAX in this process, before JAX is imported; what the user has set for those stays."""
     global _folder
+    gc.set_threshold(COLLECTED)
     own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
     _folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(own)))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
@@ -76,7 +86,10 @@ def kept(function: Callable[..., Any], *args: Any) -> Any:
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
             write_file(file, lambda path: path.write_bytes(content))
-    return jax.tree.unflatten(out, jax.jit(exported.call)(*arrays))
+    from jaxlib.version import __version_info__ as version
+
+    options = QUICKLY if jax.default_backend() == "cpu" and version < SEEN_BELOW else None
+    return jax.tree.unflatten(out, jax.jit(exported.call, compiler_options=options)(*arrays))
 
 
 def _key(function: Callable[..., Any], tree: Any, arrays: Any, words: list[str]) -> str:

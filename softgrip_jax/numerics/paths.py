@@ -258,14 +258,22 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
         newton = newton._replace(last=jnp.where(left <= accuracy.left, 0.0, newton.last))
         good = trusted & _converged(newton, accuracy)
-        stepped = _after_step(search, new, rise, good, roughly)
-        folding = _after_fold_trial(search, new, good)
-        reached = _after_goal_trial(search, new, good)
-        chosen = select(stepping, stepped, select(to_goal, reached, folding))
-        chosen = _aimed(chosen._replace(count=search.count + 1))
         limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
-        following = select(_goes_on(newton, limit, accuracy), search._replace(newton=newton), chosen)
-        return following._replace(iterations=search.iterations + 1)
+        going = _goes_on(newton, limit, accuracy)
+        case, chosen = _first_of(
+            (going, search),
+            *_after_step(search, new, rise, good, roughly),
+            *_after_goal_trial(search, new, good),
+            *_after_fold_trial(search, new, good),
+        )
+        going = case == 0
+        guess = jnp.where(going, search.guess, _guess(chosen))
+        return chosen._replace(
+            count=search.count + ~going,
+            guess=guess,
+            newton=select(going, newton, _newton_from(guess)),
+            iterations=search.iterations + 1,
+        )
 
     def busy(search: Search) -> Bool[Array, ""]:
         return (search.mode < REACHED) & (search.count < MAX_STEPS)
@@ -288,14 +296,37 @@ def _begin(u: Vector, length: Scalar | float) -> Search:
     )
 
 
-def _aimed(search: Search) -> Search:
-    """With a guess of the next trial: a quadratic as the path bent before, or through `before`, its tangent, `far`."""
+Case = tuple[Bool[Array, ""] | bool, Search]
+"""How a search goes on under a condition."""
+
+
+def _first_of(*cases: Case) -> tuple[Scalar, Search]:
+    """(the number of the first case whose condition holds, its state); the last is for all the rest.
+
+    Numbered before anything is chosen: XLA would work out the conditions anew for every array of the state.
+    """
+    conditions, states = zip(*cases, strict=True)
+    number = jnp.asarray(len(cases) - 1.0)
+    for k in reversed(range(len(cases) - 1)):
+        number = jnp.where(conditions[k], float(k), number)
+    number = once(number)
+
+    def chosen(*values):
+        result = values[-1]
+        for value in {id(v): v for v in values if v is not result}.values():
+            here = [number == k for k, v in enumerate(values) if v is value]
+            result = jnp.where(jnp.any(jnp.stack(here), axis=0), value, result)
+        return result
+
+    return number, jax.tree.map(chosen, *states)
+
+
+def _guess(search: Search) -> Vector:
+    """Of the next trial: a quadratic as the path bent before, or through `before`, its tangent, `far`."""
     before, length, high = search.before, search.length, search.high
     through_far = (search.far - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
     bend = jnp.where((search.mode == STEPPING) | _directly(search), 0.5 * search.bend, through_far)
-    guess = before.u + jnp.where((search.count == 0) | search.polishing, 0.0, length) * (before.tangent + length * bend)
-    guess = once(guess)
-    return search._replace(guess=guess, newton=_newton_from(guess))
+    return once(before.u + jnp.where(search.polishing, 0.0, length) * (before.tangent + length * bend))
 
 
 def _to_goal(search: Search) -> Search:
@@ -306,8 +337,10 @@ def _to_goal(search: Search) -> Search:
     return search._replace(length=search.high * jnp.clip(share, 0.0, 1.0), mode=jnp.asarray(TO_GOAL))
 
 
-def _after_step(search: Search, new: Point, rise: Scalar, good: Bool[Array, ""], roughly: Bool[Array, ""]) -> Search:
-    first = search.count == 0
+def _after_step(
+    search: Search, new: Point, rise: Scalar, good: Bool[Array, ""], roughly: Bool[Array, ""]
+) -> tuple[Case, ...]:
+    stepping, first = search.mode == STEPPING, search.count == 0
     shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
     length = jnp.where(first, search.length, longer)
@@ -333,7 +366,6 @@ def _after_step(search: Search, new: Point, rise: Scalar, good: Bool[Array, ""],
         rise_high=new.tangent[-1],
     )
     fold = interval._replace(mode=jnp.asarray(TO_FOLD), length=_between(interval))
-    aimed = _to_goal(interval)
     # The goal is where the path begins, or a little before: what was found roughly is found well there.
     back = ahead._replace(length=rest, mode=jnp.asarray(TO_GOAL))
     again = search._replace(
@@ -342,27 +374,32 @@ def _after_step(search: Search, new: Point, rise: Scalar, good: Bool[Array, ""],
         polishing=search.roughly & (shorter < SHORT),
         mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING),
     )
-    polished = search._replace(
-        before=select(good & (new.tangent[-1] > 0), new, search.before), polishing=jnp.zeros_like(roughly)
+    left_rough = search._replace(polishing=jnp.asarray(False))
+    level, past = new.tangent[-1] <= 0, new.goal >= 0
+    return (
+        (stepping & search.polishing & good & ~level, left_rough._replace(before=new)),
+        (stepping & search.polishing, left_rough),
+        (stepping & ~good, again),
+        (stepping & level, fold),
+        (stepping & past & first, back),
+        (stepping & past, _to_goal(interval)),
+        (stepping, ahead),
     )
-    past = new.goal >= 0
-    result = select(new.tangent[-1] <= 0, fold, select(past, select(first, back, aimed), ahead))
-    return select(search.polishing, polished, select(good, result, again))
 
 
 def _directly(search: Search) -> Bool[Array, ""]:
     """Whether the goal is sought from `before` alone, with nothing known beyond it."""
-    return (search.mode == TO_GOAL) & (search.high == 0) & (search.count > 0)
+    return (search.mode == TO_GOAL) & (search.high == 0)
 
 
-def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
+def _after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> tuple[Case, ...]:
+    to_goal = search.mode == TO_GOAL
     reached = search._replace(before=new, mode=jnp.asarray(REACHED))
-    directly = _directly(search)
     # A goal that was not where it seemed to be: the step that would have been made without it.
     on = search._replace(length=search.stride, mode=jnp.asarray(STEPPING))
     # At the limit point itself the tangent is level.
     rising = new.tangent[-1] > jnp.where(search.at_fold, -LEVEL, 0.0)
-    return select(good & rising, reached, select(directly, on, _step_again(search)))
+    return (to_goal & good & rising, reached), (_directly(search), on), (to_goal, _step_again(search))
 
 
 def _step_again(search: Search) -> Search:
@@ -385,7 +422,7 @@ def _between(search: Search) -> Scalar:
     return search.low + (search.high - search.low) * jnp.clip(share, 0.0, 1.0)
 
 
-def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Search:
+def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> tuple[Case, ...]:
     rise = new.tangent[-1]
     rising = rise > 0
     side = jnp.where(rising, 1, -1)
@@ -404,11 +441,9 @@ def _after_fold_trial(search: Search, new: Point, good: Bool[Array, ""]) -> Sear
     # A bracket that closes where the tangent jumps holds no limit point.
     lost = ~good | (~done & (inner.high - inner.low < 1e-12))
     at_fold = search._replace(far=new.u, far_goal=new.goal, high=search.length, at_fold=jnp.asarray(True))
+    stopped = at_fold._replace(before=new, mode=jnp.asarray(FOLD))
     over = new.goal >= 0
-    aimed, stopped = _to_goal(at_fold), at_fold._replace(before=new, mode=jnp.asarray(FOLD))
-    finished = select(over, aimed, stopped)
-    back = _step_again(search)
-    return jax.tree.map(lambda a, b, c: jnp.where(lost, a, jnp.where(done, b, c)), back, finished, inner)
+    return (lost, _step_again(search)), (done & over, _to_goal(at_fold)), (done, stopped), (True, inner)
 
 
 class Border(NamedTuple):

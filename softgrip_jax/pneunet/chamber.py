@@ -258,12 +258,12 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     if isinstance(finger.material, NeoHookean):
         low, high = fixed.search_interval()
         # The pressure of a flat wall rises with the third power of its angle, of a round one a little more slowly.
-        flat = fixed.load(low)
+        flat, most = jax.vmap(fixed.load)(jnp.stack([low, high]))
         wanted = jnp.maximum(target, flat)
         guess = low * jnp.cbrt(wanted / flat)
         guess = guess + SLOWER * guess * guess
         angle = newton_bracketed(lambda x: jnp.log(fixed.load(x) / wanted), low, high, guess).x
-        inside = (target <= fixed.load(high)) & fixed.is_possible()
+        inside = (target <= most) & fixed.is_possible()
         touching = inside & (fixed.wall(angle).contact_width > 0)
     else:
         found = fixed.find(target)

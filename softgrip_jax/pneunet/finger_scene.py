@@ -83,15 +83,24 @@ class MomentSpan(Span):
     """
 
     finger: PneuNet
+    most: Scalar
+    """M_T at `end`, N m."""
 
     def _unit(self) -> Scalar:
         """EI / L, N m."""
         return self.finger.moment_scale() * self.finger.H / (3 * self.finger.L)
 
     def place_of(self, pressure):
-        moment = end_moment(self.finger, jnp.minimum(pressure, self.end), jnp.zeros_like(self.end)) / self._unit()
-        x = 0.5 * (moment + jnp.sqrt(moment * (moment + 4 * self.early)))
-        return self.loading + x + jnp.maximum(pressure - self.end, 0) / self.step
+        moment = end_moment(self.finger, jnp.minimum(pressure, self.end), jnp.zeros_like(self.end))
+        # Rounding may put the end itself beyond the end, where there is no moment.
+        return self._place(jnp.fmin(moment, self.most)) + jnp.maximum(pressure - self.end, 0) / self.step
+
+    def last(self):
+        return self._place(self.most)
+
+    def _place(self, moment: Scalar) -> Scalar:
+        moment = moment / self._unit()
+        return self.loading + 0.5 * (moment + jnp.sqrt(moment * (moment + 4 * self.early)))
 
     def _moment_at(self, u: Array) -> Scalar:
         """In units of EI / L."""
@@ -231,19 +240,29 @@ class FingerScene(PathScene):
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
-            touch = wall.load(touching_angle(one))
-            if isinstance(finger.material, NeoHookean):
-                return touch, scale, wall.load(jnp.pi + jnp.zeros_like(scale))
-            return touch, scale, wall_limit(wall.finger)
+            touching, closed = touching_angle(one), jnp.pi + jnp.zeros_like(scale)
+            if not isinstance(finger.material, NeoHookean):
+                return wall.load(touching), scale, wall_limit(one), scale
+            begin, end = jax.vmap(wall.load)(jnp.stack([touching, closed]))
+            return begin, scale, end, wall.observe(closed, end)["end_moment"]
 
-        begin, scale, end = jax.vmap(of)(fields)
+        begin, scale, end, most = jax.vmap(of)(fields)
         loads = _tension(self)
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
         numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
-        alike = finger.segments is None and self.inclination == "none" and not self.is_arcs()
-        if alike and isinstance(finger.material, NeoHookean):
-            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger)
+        if self.is_driven_by_moment():
+            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, jnp.min(most))
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
+
+    def is_driven_by_moment(self) -> bool:
+        """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentSpan`."""
+        alike = self.finger.segments is None and self.inclination == "none" and not self.is_arcs()
+        return alike and isinstance(self.finger.material, NeoHookean)
+
+    def driven(self, pressure):
+        if not self.is_driven_by_moment():
+            return pressure
+        return Moment(end_moment(self.finger, pressure, jnp.zeros_like(self.finger.L)) / self.finger.moment_scale())
 
     def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""

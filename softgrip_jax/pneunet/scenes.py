@@ -234,7 +234,7 @@ class Free(FingerScene):
             )
             unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
         # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
-        missing = jnp.max(jnp.abs(self.ramped(unknowns, pressure, pressure)))
+        missing = jnp.max(jnp.abs(self.residual(unknowns, pressure)))
         status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
         possible = admissible(self) & self.is_possible() & (pressure >= 0) & (pressure < jnp.inf)
         return Found(unknowns, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
