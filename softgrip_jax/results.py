@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import equinox as eqx
@@ -75,10 +76,7 @@ class Solution(eqx.Module):
 
     def shape(self, n: int = 101) -> dict[str, Array]:
         """The deformed shape at n points, as arrays by name (see the scene's ``profile``)."""
-
-        def one(scene, unknowns, pressure):
-            return scene.profile(unknowns, pressure, n)
-
+        one = partial(_shape, n=n)
         for _ in range(self.status.ndim):
             one = jax.vmap(one)
         return one(self.scene, self.unknowns, self.pressure)
@@ -101,6 +99,11 @@ class Solution(eqx.Module):
             rows.append((name.replace("_", " "), in_units(self.observables[name], kind)))
         rows.append(("scaled residual", f"{float(self.residual):.1e}, {int(self.iterations)} iterations"))
         return rows
+
+
+@partial(jax.jit, static_argnames="n")
+def _shape(scene: Any, unknowns: Array, pressure: Array, n: int) -> dict[str, Array]:
+    return scene.profile(unknowns, pressure, n)
 
 
 def in_units(value: Any, kind: str) -> str:
