@@ -85,7 +85,7 @@ class PathScene(Scene):
     def measured(self, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
         observed. Both come from one integration; what is not used is not computed. In place of the pressure there may
-        be what the scene's `Span.drive_at` gives."""
+        be what the scene's `driven` and its `Span.drive_at` give."""
 
     def observe(self, unknowns, pressure):
         return self.evaluated(unknowns, pressure)[1]

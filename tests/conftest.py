@@ -4,6 +4,7 @@ Warnings are errors and the annotations of arrays are checked (see pyproject.tom
 the checks of the annotations are put in place after this file is read.
 """
 
+import gc
 import os
 from pathlib import Path
 
@@ -17,6 +18,7 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # Compiling is most of the time of a run: done as for the commands (see softgrip_jax/cli/programs.py), and what has not
 # changed is taken from here.
+gc.set_threshold(1_000_000)
 if jaxlib_version < (0, 11):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))

@@ -18,6 +18,7 @@ from softgrip_jax.pneunet.chamber import (
     wall_limit,
 )
 from softgrip_jax.pneunet.finger import PneuNet
+from softgrip_jax.pneunet.scenes import TipContact
 from softgrip_jax.units import N_mm, kPa, mm
 
 moment = jax.jit(end_moment)
@@ -223,3 +224,15 @@ def test_the_pressure_of_a_moment(gap):
     np.testing.assert_allclose(inverse(finger, jnp.zeros(1)), begin, rtol=1e-12)
     most = moment(finger, end * (1 - 1e-12), 0.0)
     assert np.all(inverse(finger, most * jnp.asarray([1.001, 2.0, 100.0])) > end)
+
+
+@pytest.mark.parametrize("pressure", [1.0, 20.0, 35.0])
+def test_a_beam_driven_by_the_moment_of_its_chambers_is_the_one_driven_by_their_pressure(pressure):
+    """What is reported of a scene goes by the moment, as its path does; here the chambers of every part are solved."""
+    scene = TipContact(A, weight=jnp.asarray([0.5, -1.0]))
+    unknowns = jnp.linspace(0.3, -1.2, scene.points + 1)
+    residual, observed = jax.jit(lambda p: scene.evaluated(unknowns, p))(pressure * kPa)
+    wanted, seen = jax.jit(lambda p: scene.measured(unknowns, jnp.ones_like(p), p))(pressure * kPa)
+    np.testing.assert_allclose(residual, wanted, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(observed["end_moment"], seen["end_moment"], rtol=1e-13, atol=1e-20)
+    assert (seen["end_moment"] == 0) == (pressure == 1.0)  # before the walls touch

@@ -1,5 +1,6 @@
 """What a command keeps of what it traced: the same answer the second time, whatever has become of the file."""
 
+import gc
 import json
 import os
 import subprocess
@@ -59,6 +60,8 @@ def test_what_the_user_set_stays(given, wanted, monkeypatch):
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "1")
     programs.settings()
     assert os.environ["XLA_FLAGS"] == wanted
+    assert gc.isenabled()
+    assert gc.get_threshold()[0] == programs.COLLECTED
     assert (os.environ["JAX_COMPILATION_CACHE_DIR"], os.environ["TF_CPP_MIN_LOG_LEVEL"]) == ("mine", "0")
 
     # A version of XLA that was not seen yet may not know the flag, and would leave the process over it.

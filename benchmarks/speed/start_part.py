@@ -19,6 +19,7 @@ IMPORTS = {
     "import softgrip_jax": "import softgrip_jax",
     "import softgrip_jax, all that solve needs": "import softgrip_jax as sg; sg.solve, sg.shell, sg.pneunet",
 }
+COMMAND = "from softgrip_jax.cli import main; main()"
 CONFIGS = ("shell_free", "shell_cylinder", "finger_tip_contact", "finger_grasp")
 REPEATS = 5
 FIELDS = ("what", "time", "seconds", "cpu_seconds", "peak_memory_MB")
@@ -36,24 +37,22 @@ def run(order: list[str], environment: dict[str, str]) -> tuple[float, float, fl
 
 
 def measure(quick: bool) -> Iterator[dict[str, Any]]:
-    """Rows of their own kind: medians of several imports, every run of a config."""
+    """Rows of their own kind: medians of several imports, and of several times that a config was new."""
     os.sched_setaffinity(0, range(os.cpu_count() or 1))  # what a user has
     environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")}
-    taken: dict[str, list[tuple[float, ...]]] = {words: [] for words in IMPORTS}
+    taken: dict[tuple[str, str], list[tuple[float, ...]]] = {}
     for _ in range(1 if quick else REPEATS):
         for words, code in IMPORTS.items():
-            taken[words].append(run([sys.executable, "-c", code], environment))
-    for words, all_of_them in taken.items():
-        yield _row(words, "", [statistics.median(column) for column in zip(*all_of_them, strict=True)])
-    for config in CONFIGS[:1] if quick else CONFIGS:
-        cache = tempfile.mkdtemp(prefix="softgrip-bench-")
-        order = [sys.executable, "-c", "from softgrip_jax.cli import main; main()", "solve", f"configs/{config}.toml"]
-        try:
-            for when in ("first", "second", "third"):
-                yield _row(f"softgrip solve {config}.toml", when, run(order, environment | {"XDG_CACHE_HOME": cache}))
-        finally:
-            shutil.rmtree(cache)
-
-
-def _row(what: str, when: str, numbers: Any) -> dict[str, Any]:
-    return dict(zip(FIELDS, (what, when, *numbers), strict=True))
+            taken.setdefault((words, ""), []).append(run([sys.executable, "-c", code], environment))
+        for config in CONFIGS[:1] if quick else CONFIGS:
+            cache = tempfile.mkdtemp(prefix="softgrip-bench-")
+            order = [sys.executable, "-c", COMMAND, "solve", f"configs/{config}.toml"]
+            try:
+                for when in ("first", "second", "third"):
+                    numbers = run(order, environment | {"XDG_CACHE_HOME": cache})
+                    taken.setdefault((f"softgrip solve {config}.toml", when), []).append(numbers)
+            finally:
+                shutil.rmtree(cache)
+    for (what, when), runs in taken.items():
+        numbers = [statistics.median(column) for column in zip(*runs, strict=True)]
+        yield dict(zip(FIELDS, (what, when, *numbers), strict=True))

@@ -297,7 +297,7 @@ def _begin(u: Vector, length: Scalar | float) -> Search:
 
 
 Case = tuple[Bool[Array, ""] | bool, Search]
-"""How a search goes on under a condition."""
+"""A condition, and how the search goes on where it is the first that holds: see `_first_of`."""
 
 
 def _first_of(*cases: Case) -> tuple[Scalar, Search]:
@@ -374,11 +374,11 @@ def _after_step(
         polishing=search.roughly & (shorter < SHORT),
         mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING),
     )
-    left_rough = search._replace(polishing=jnp.asarray(False))
+    rough = search._replace(polishing=jnp.asarray(False))
     level, past = new.tangent[-1] <= 0, new.goal >= 0
     return (
-        (stepping & search.polishing & good & ~level, left_rough._replace(before=new)),
-        (stepping & search.polishing, left_rough),
+        (stepping & search.polishing & good & ~level, rough._replace(before=new)),
+        (stepping & search.polishing, rough),
         (stepping & ~good, again),
         (stepping & level, fold),
         (stepping & past & first, back),
