@@ -240,18 +240,19 @@ class FingerScene(PathScene):
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
-            touching, closed = touching_angle(one), jnp.pi + jnp.zeros_like(scale)
-            if not isinstance(finger.material, NeoHookean):
-                return wall.load(touching), scale, wall_limit(one), scale
-            begin, end = jax.vmap(wall.load)(jnp.stack([touching, closed]))
-            return begin, scale, end, wall.observe(closed, end)["end_moment"]
+            touch = wall.load(touching_angle(one))
+            if isinstance(finger.material, NeoHookean):
+                return touch, scale, wall.load(jnp.pi + jnp.zeros_like(scale))
+            return touch, scale, wall_limit(one)
 
-        begin, scale, end, most = jax.vmap(of)(fields)
+        begin, scale, end = jax.vmap(of)(fields)
         loads = _tension(self)
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
         numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
         if self.is_driven_by_moment():
-            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, jnp.min(most))
+            wall = Chamber(finger, jnp.zeros_like(finger.L))
+            most = wall.observe(jnp.pi + jnp.zeros_like(finger.L), numbers[-1])["end_moment"]
+            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
     def is_driven_by_moment(self) -> bool:
