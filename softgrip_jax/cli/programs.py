@@ -19,16 +19,14 @@ OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 solve nothing. XLA leaves the process over a flag that it does not know: it is set for versions that were seen."""
 SEEN_BELOW = (0, 11)
 QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 4}
-"""For a program that runs once: LLVM's optimisation takes a third of its compile time, and saves less than a
-millisecond."""
-
-_folder: Path | None = None
-"""Where programs are kept; nowhere unless this process is a command."""
-
-
+"""For a program that runs once: LLVM's optimisation takes a third of its compile time or more, and saves a finger less
+than a millisecond, an energy membrane 20."""
 COLLECTED = 1_000_000
 """Objects between two looks for what nobody holds any more: while JAX is imported and traces nearly all of them are
 kept, and with Python's 700 looking takes a sixth of the first answer."""
+
+_folder: Path | None = None
+"""Where programs are kept; nowhere unless this process is a command."""
 
 
 def settings() -> None:
