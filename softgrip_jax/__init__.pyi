@@ -13,6 +13,7 @@ from .materials import Ogden as Ogden
 from .materials import Yeoh as Yeoh
 from .pneunet.finger import PneuNet as PneuNet
 from .quantities import Quantity as Quantity
+from .reasons import Reason as Reason
 from .results import Solution as Solution
 from .results import Status as Status
 from .scene import Scene as Scene

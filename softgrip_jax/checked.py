@@ -18,6 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
+from .reasons import RULE_NAMES
 from .units import SI
 
 # rule -> (what is allowed, in words; the test, for NumPy and for traced arrays alike)
@@ -95,6 +96,16 @@ def count(**kwargs: Any) -> Any:
     return eqx.field(static=True, metadata={"least": 1}, **kwargs)
 
 
+def to_names(value: Any) -> Any:
+    """A name or a list of names as a tuple of names."""
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+
+
+def rule_names(**kwargs: Any) -> Any:
+    """A static tuple of names of rules (see `reasons`)."""
+    return eqx.field(static=True, converter=to_names, metadata={"names": RULE_NAMES}, **kwargs)
+
+
 def part(*types: type, **kwargs: Any) -> Any:
     """Another module (a shell in a scene, a material in a shell)."""
     return eqx.field(metadata={"types": types}, **kwargs)
@@ -142,6 +153,8 @@ class Checked(eqx.Module):
                 require(where, value, "positive", "number")
             elif "allowed" in meta and value not in meta["allowed"]:
                 raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+            elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
+                raise ValueError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
             elif "least" in meta and not (type(value) is int and value >= meta["least"]):
                 raise ValueError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
             elif "types" in meta and not isinstance(value, meta["types"]):

@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from .checked import admissible
 from .numerics.curves import Scan, first_crossing, first_maximum, scan_curve, slope_of
 from .numerics.roots import implicit
 from .results import Status, gate
@@ -65,7 +64,7 @@ class CurveScene(Scene):
         """Look at the load curve once; every question starts from this."""
         start, end = self.interval()
         scan = scan_curve(self.load, start, end, "dips" if self.may_dip() else "single")
-        return Climb(scan, end, admissible(self) & self.is_possible() & (start < end))
+        return Climb(scan, end, self.can_exist() & (start < end))
 
     def stop(self, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
         """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
@@ -135,7 +134,7 @@ class CurveScene(Scene):
         scene, target = gate(found.status == Status.OK, (self, target))
         angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (scene, target))
         pressure = scene.load(angle)
-        solution = scene._report(angle, pressure, found)
+        solution = self._report(angle, pressure, found)
         no_answer = jnp.where(status == Status.NO_CONTACT, scan.y[0], jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
 

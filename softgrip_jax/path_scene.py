@@ -17,7 +17,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from .checked import admissible
 from .numerics.paths import FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
@@ -131,7 +130,7 @@ class PathScene(Scene):
         # A fold before the pressure acts: the other loads alone have no equilibrium.
         is_loading = end.u[-1] <= span.loading
         status = jnp.where((status == Status.BEYOND_LIMIT) & is_loading, Status.IMPOSSIBLE, status)
-        possible = admissible(self) & self.is_possible()
+        possible = self.can_exist()
         return end.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
 
     def find(self, pressure):
@@ -207,7 +206,7 @@ class PathScene(Scene):
             return jnp.append(residual, surplus(target, point, observed))
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
-        solution = scene._report(point[:-1], point[-1] * step, found)
+        solution = self._report(point[:-1], point[-1] * step, found)
         no_answer = jnp.where(status == Status.NO_CONTACT, span.begin, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
+from .reasons import Reason
 from .units import DISPLAY
 
 if TYPE_CHECKING:
@@ -60,6 +61,12 @@ class Solution(eqx.Module):
     unknowns: PyTree
     """What the equations were solved for, in the scene's own order."""
     observables: dict[str, Array]
+    reason: Int[Array, "*batch"]
+    """Why a design is not OK: the number of a `Reason`; see `reason_text`."""
+    detail: Float[Array, "*batch"]
+    """The number (SI) that belongs to the reason (a limit pressure, how far a rule is broken); NaN where none does."""
+    margins: dict[str, Array]
+    """Name of a rule -> its margin, m: negative where it is broken. NaN where the state that it asks for is missing."""
 
     _REPORT_WIDTH: ClassVar[int] = 22
 
@@ -73,6 +80,12 @@ class Solution(eqx.Module):
     def at_pressure(self, pressure: Array) -> Solution:
         """The same solution, reported at another pressure."""
         return dataclasses.replace(self, pressure=pressure)
+
+    def reason_text(self) -> Any:
+        """The reason in words: one sentence, or an array of sentences for a batch."""
+        sentences = np.vectorize(lambda reason, detail: Reason(int(reason)).text(float(detail)), otypes=[object])
+        said = sentences(np.asarray(self.reason), np.asarray(self.detail))
+        return said if self.reason.ndim else str(said)
 
     def shape(self, n: int = 101) -> dict[str, Array]:
         """The deformed shape at n points, as arrays by name (see the scene's ``profile``)."""
@@ -92,7 +105,7 @@ class Solution(eqx.Module):
         """(name, value with unit) of everything a person would want to read, for one scene."""
         status = Status(int(self.status))
         rows = [
-            ("status", status.name + ("" if status is Status.OK else f": {status.message}")),
+            ("status", status.name + ("" if status is Status.OK else f": {self.reason_text()}")),
             ("pressure", in_units(self.pressure, "pressure")),
         ]
         for name, kind in self.scene.OBSERVABLES.items():

@@ -17,8 +17,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, require
+from .checked import Checked, admissible, require, rule_names
 from .numerics.roots import implicit, with_derivatives_of
+from .reasons import BROKEN, Reason
 from .results import Solution, Status, gate, mask
 
 Scalar = Float[Array, ""]
@@ -40,6 +41,20 @@ class Found(NamedTuple):
     """Scaled norm of all that was to be solved; known once `settled`."""
     seen: tuple[Array, dict[str, Array]] | None = None
     """What `evaluated` says there, where it was asked already; known once `settled`."""
+    reason: Int[Array, ""] | int = 0
+    """A `Reason`, where more is known than the status says."""
+    detail: Scalar | float = jnp.nan
+    """The number that belongs to the reason."""
+
+
+GENERAL = {
+    Status.OK: Reason.NONE,
+    Status.NO_CONTACT: Reason.NOTHING_TOUCHED,
+    Status.BEYOND_LIMIT: Reason.NO_EQUILIBRIUM,
+    Status.IMPOSSIBLE: Reason.PARTS_DO_NOT_FIT,
+    Status.NOT_CONVERGED: Reason.RESIDUAL_TOO_LARGE,
+}
+"""The reason of a status about which nothing more is known."""
 
 
 class Scene(Checked):
@@ -47,6 +62,9 @@ class Scene(Checked):
 
     OBSERVABLES: ClassVar[dict[str, str]] = {}
     """Observable -> kind of quantity (a key of units.DISPLAY)."""
+
+    ignored_rules: tuple[str, ...] = rule_names(default=(), kw_only=True)
+    """Rules that may be broken, by name: their margins are still reported."""
 
     @abc.abstractmethod
     def find(self, pressure: Scalar) -> Found:
@@ -101,8 +119,24 @@ class Scene(Checked):
         raise NotImplementedError(f"{type(self).__name__} has no shape.")
 
     def is_possible(self) -> Bool[Array, ""]:
-        """False where the parts do not fit together (beyond each field's own rule)."""
+        """False where the equations have no meaning (beyond each field's own rule)."""
         return jnp.asarray(True)
+
+    def margins_at_rest(self) -> dict[str, Scalar]:
+        """Margins (m) of the rules that the undeformed parts keep: name of a `Reason` in small letters -> margin."""
+        return {}
+
+    def margins_of_state(self, unknowns: Array, pressure: Scalar) -> dict[str, Scalar]:
+        """Margins (m) of the rules that a deformed state keeps."""
+        return {}
+
+    def can_exist(self) -> Bool[Array, ""]:
+        """True where every field keeps its rule, the equations have a meaning and the parts at rest keep theirs."""
+        possible = admissible(self) & self.is_possible()
+        for name, margin in self.margins_at_rest().items():
+            if name not in self.ignored_rules:
+                possible &= margin >= -BROKEN
+        return possible
 
     def settled(self, found: Found) -> Found:
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
@@ -122,7 +156,7 @@ class Scene(Checked):
         pressure = found.pressure
         found = self.settled(found)
         scene, pressure = gate(found.status == Status.OK, (self, pressure))
-        return scene._report(scene.rooted(found.unknowns, pressure), pressure, found)
+        return self._report(scene.rooted(found.unknowns, pressure), pressure, found)
 
     def rooted(self, unknowns: Array, pressure: Scalar) -> Array:
         """Unknowns that solve `residual`, with their derivatives by everything in the scene and by the pressure."""
@@ -131,11 +165,38 @@ class Scene(Checked):
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
         assert found.seen is not None
+        scene = gate(found.status == Status.OK, self)
         observed = with_derivatives_of(
-            lambda args: args[0].observe(*args[1:]), found.seen[1], (self, unknowns, pressure)
+            lambda args: args[0].observe(*args[1:]), found.seen[1], (scene, unknowns, pressure)
         )
-        observables = mask(found.status, observed)
-        return Solution(self, pressure, found.status, found.residual, found.iterations, unknowns, observables)
+        margins, status, reason, detail = self._judged_by_rules(scene, unknowns, pressure, found)
+        observables = mask(status, observed)
+        return Solution(
+            scene, pressure, status, found.residual, found.iterations, unknowns, observables, reason, detail, margins
+        )
+
+    def _judged_by_rules(self, gated: Scene, unknowns: Array, pressure: Scalar, found: Found):
+        """(margins, status, reason, detail): a state that breaks a rule is IMPOSSIBLE, whatever the equations say."""
+        solved = found.status == Status.OK
+        of_state = gated.margins_of_state(unknowns, pressure)
+        margins = self.margins_at_rest() | {k: jnp.where(solved, v, jnp.nan) for k, v in of_state.items()}
+        reason, detail = jnp.asarray(found.reason), jnp.asarray(found.detail, pressure.dtype)
+        for status, general in GENERAL.items():
+            reason = jnp.where((reason == 0) & (found.status == status), int(general), reason)
+        # A field that breaks its own rule is named before what follows from it.
+        unfit = (found.status == Status.IMPOSSIBLE) & (reason == Reason.PARTS_DO_NOT_FIT)
+        reason = jnp.where(unfit & ~admissible(self), int(Reason.FIELD_RULE), reason)
+        status, worst = found.status, jnp.asarray(-BROKEN, pressure.dtype)
+        open_to_rules = solved | (unfit & (reason != Reason.FIELD_RULE))
+        for name, margin in margins.items():
+            if name in self.ignored_rules:
+                continue
+            value = lax.stop_gradient(margin)
+            broken = open_to_rules & (value < worst)
+            status = jnp.where(broken, Status.IMPOSSIBLE, status)
+            reason = jnp.where(broken, int(Reason[name.upper()]), reason)
+            detail, worst = jnp.where(broken, value, detail), jnp.where(broken, value, worst)
+        return margins, status, jnp.where(status == Status.OK, 0, reason), detail
 
 
 def frozen(tree: Any) -> Any:
@@ -162,7 +223,7 @@ def _solve(scene: Scene, pressure: Scalar) -> Solution:
 
 @jax.jit
 def _contact_pressure(scene: Scene) -> Scalar:
-    possible = admissible(scene) & scene.is_possible()
+    possible = scene.can_exist()
     return jnp.where(possible, gate(possible, scene).onset(), jnp.nan)
 
 

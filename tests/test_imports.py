@@ -13,6 +13,7 @@ ORDER = [
     "progress",
     "numerics",
     "units",
+    "reasons",
     "checked",
     "materials",
     "membrane",

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checked import admissible, choice, count, finite, part, vector
+from ..checked import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.roots import bracketed_root
 from ..results import Status
@@ -236,7 +236,7 @@ class Free(FingerScene):
         # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
         missing = jnp.max(jnp.abs(self.residual(unknowns, pressure)))
         status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
-        possible = admissible(self) & self.is_possible() & (pressure >= 0) & (pressure < jnp.inf)
+        possible = self.can_exist() & (pressure >= 0) & (pressure < jnp.inf)
         return Found(unknowns, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
 
     def arcs(self, turned: Array, stretch: Array, lengths: Array, n: int) -> tuple[Array, Array]:

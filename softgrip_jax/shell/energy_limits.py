@@ -10,7 +10,6 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
-from ..checked import admissible
 from ..numerics.control import hold, top
 from ..numerics.paths import fold_load
 from ..results import Solution, Status, gate
@@ -57,7 +56,7 @@ def _limit(scene: EnergyScene) -> Found:
     peak = top(_linear(scene), kept, scaled, yielding / jnp.linalg.norm(yielding), REACH + zero)
     above = peak.load >= scaled * (1 - CLOSE)
     at_fold = climb.lost & peak.good & above
-    possible = admissible(scene) & scene.is_possible()
+    possible = scene.can_exist()
     pressure = jnp.where(at_fold, peak.load, scaled) * scene.unit()
     pressure = jnp.where(climb.reached, jnp.inf, pressure)
     status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
@@ -112,4 +111,4 @@ def branch(scene: EnergyScene, n: int) -> Solution:
         found = fixed.settled(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
         return fixed._report(unknowns, load * fixed.unit(), found)
 
-    return jax.vmap(report, out_axes=Solution(None, 0, 0, 0, 0, 0, 0))(points, loads, alive)  # type: ignore[arg-type]
+    return jax.vmap(report, out_axes=Solution(None, 0, 0, 0, 0, 0, 0, 0, 0, 0))(points, loads, alive)  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
-from ..checked import admissible, part
+from ..checked import part
 from ..numerics.minimise import Expansion, Minimum, minimise
 from ..numerics.roots import implicit
 from ..results import Status, gate
@@ -81,7 +81,7 @@ class EnergyScene(Scene):
 
     def _load(self, pressure: Scalar) -> tuple[Array, Scalar]:
         """Whether the scene can be at this pressure, and the load."""
-        possible = admissible(self) & self.is_possible() & (pressure >= 0) & (pressure < jnp.inf)
+        possible = self.can_exist() & (pressure >= 0) & (pressure < jnp.inf)
         return possible, jnp.cbrt(jnp.where(possible, pressure, 0.0) / self.unit())
 
     def _labelled(self, met: Minimum, pressure: Scalar) -> Found:

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..checked import admissible
 from ..numerics.roots import implicit
 from ..results import Solution, Status, gate
 from ..scene import Found, frozen
@@ -106,7 +105,7 @@ def solve_for(scene: EnergyScene, name: str, target: Scalar) -> Solution:
 
     found, left, ended = seek(fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
     status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
-    possible = admissible(fixed) & fixed.is_possible() & jnp.isfinite(value)
+    possible = fixed.can_exist() & jnp.isfinite(value)
     status = jnp.where(possible, status, Status.IMPOSSIBLE)
     found = fixed.settled(found._replace(status=status, mismatch=jnp.where(status == Status.OK, left, 0.0)))
     ok = found.status == Status.OK

@@ -1,0 +1,178 @@
+"""Why a design has no answer, as a number per design and in words; and the rules that a scene's parts keep.
+
+A rule is a margin in metres: positive where the rule is kept, negative by how much it is broken, differentiable, so
+that it can be reported, constrained and climbed. What a scene's margins are called is the name of a `Reason` in small
+letters: the margin "walls_fit" belongs to `Reason.WALLS_FIT`.
+"""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+
+from .units import DISPLAY
+
+FIRST_RULE = 100
+"""Reasons from here on are rules."""
+
+BROKEN = 1e-6
+"""A rule counts as broken when its margin is below minus this (m): a thousandth of what a mould can hold, and far above
+what rounding leaves of parts that just touch."""
+
+
+class Reason(enum.IntEnum):
+    """Why a design is not OK (NONE where it is). Fixed numbers: they are written into files."""
+
+    NONE = 0
+    NOTHING_TOUCHED = 1
+    LIMIT_POINT = 2
+    LIMIT_BEFORE_CONTACT = 3
+    MEMBRANE_USED_UP = 4
+    MEMBRANE_COVERED = 5
+    ARC_CLOSED = 6
+    WALL_CLOSED = 7
+    MATERIAL_LOCKED = 8
+    LOAD_NOT_HELD = 9
+    VALUE_NOT_REACHED = 10
+    NO_EQUILIBRIUM = 11
+    RESIDUAL_TOO_LARGE = 20
+    SHAPE_NOT_RESOLVED = 21
+    FIELD_RULE = 30
+    PARTS_DO_NOT_FIT = 31
+    PRESSURE_RULE = 32
+    TIP_PULLS = 33
+
+    WALLS_FIT = 100
+    CHAMBER_ON_COVER = 101
+    ONE_SEGMENT = 102
+    CHAMBERS_APART = 103
+    CLEAR_OF_CLAMP = 104
+    CLEAR_OF_OBJECT_AT_REST = 105
+    CLEAR_OF_OBJECT = 106
+    CLEAR_OF_PALM = 107
+    FINGERS_APART = 108
+
+    @property
+    def rule(self) -> str | None:
+        """The name of the margin that the reason belongs to; None where it is no rule."""
+        return self.name.lower() if self >= FIRST_RULE else None
+
+    def text(self, detail: float = np.nan) -> str:
+        """One sentence for people; `detail` (SI) is the number that belongs to it, NaN where there is none."""
+        kind, sentence, without = _SENTENCES[self]
+        if np.isnan(detail) or not kind:
+            return without
+        label, unit = DISPLAY[kind]
+        return sentence.format(f"{abs(detail) / unit:.4g} {label}".strip())
+
+
+# Reason -> (kind of quantity of its detail, sentence with that number, sentence without it)
+_SENTENCES: dict[Reason, tuple[str, str, str]] = {
+    Reason.NONE: ("", "", "solved"),
+    Reason.NOTHING_TOUCHED: (
+        "pressure",
+        "the pressure is too low: nothing is touched below {}, and the force is exactly zero",
+        "the pressure is too low: nothing is touched yet, and the force is exactly zero",
+    ),
+    Reason.LIMIT_POINT: (
+        "pressure",
+        "no equilibrium: the pressure has its largest value, {}, at a limit point",
+        "no equilibrium: the load is beyond the limit point",
+    ),
+    Reason.LIMIT_BEFORE_CONTACT: (
+        "pressure",
+        "no equilibrium: the free membrane reaches its largest pressure, {}, before it touches anything",
+        "no equilibrium: the free membrane reaches its largest pressure before it touches anything",
+    ),
+    Reason.MEMBRANE_USED_UP: (
+        "pressure",
+        "no equilibrium: a straight part of the membrane is used up at {}",
+        "no equilibrium: a straight part of the membrane is used up",
+    ),
+    Reason.MEMBRANE_COVERED: (
+        "pressure",
+        "no equilibrium: the contact reaches the edge of the membrane at {}",
+        "no equilibrium: the contact reaches the edge of the membrane",
+    ),
+    Reason.ARC_CLOSED: (
+        "pressure",
+        "no equilibrium: the arcs of the membrane are closed at {}, where the model ends",
+        "no equilibrium: the arcs of the membrane are closed, where the model ends",
+    ),
+    Reason.WALL_CLOSED: (
+        "pressure",
+        "no equilibrium: the arcs of the chamber walls are closed at {}, where the model of the chambers ends",
+        "no equilibrium: the arcs of the chamber walls are closed, where the model of the chambers ends",
+    ),
+    Reason.MATERIAL_LOCKED: (
+        "pressure",
+        "no equilibrium: the material is stretched to its limit at {}",
+        "no equilibrium: the material is stretched to its limit",
+    ),
+    Reason.LOAD_NOT_HELD: (
+        "number",
+        "the weight and the other loads cannot be held, with or without pressure: {} of them could be",
+        "the weight and the other loads cannot be held, with or without pressure",
+    ),
+    Reason.VALUE_NOT_REACHED: (
+        "pressure",
+        "no pressure gives the wanted value: equilibrium ends at {} before it is reached",
+        "no pressure gives the wanted value: equilibrium ends before it is reached",
+    ),
+    Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
+    Reason.RESIDUAL_TOO_LARGE: (
+        "",
+        "",
+        "the solver stopped before the residual was small; the values are withheld",
+    ),
+    Reason.SHAPE_NOT_RESOLVED: (
+        "",
+        "",
+        "the points along the beam are too few to tell its shape; the values are withheld: give more points",
+    ),
+    Reason.FIELD_RULE: ("", "", "a dimension breaks its own rule, or is not a number"),
+    Reason.PARTS_DO_NOT_FIT: ("", "", "the scene cannot exist: its parts do not fit together"),
+    Reason.PRESSURE_RULE: ("", "", "the pressure or the wanted value is negative or not a finite number"),
+    Reason.TIP_PULLS: (
+        "force",
+        "the tip would have to be pulled with {}: a tip presses or is free",
+        "the tip would have to be pulled: a tip presses or is free",
+    ),
+    Reason.WALLS_FIT: ("length", "two walls of a chamber are {} too thick for its length", "the walls do not fit"),
+    Reason.CHAMBER_ON_COVER: (
+        "length",
+        "a chamber is {} wider than the cover that carries it",
+        "a chamber is wider than the cover that carries it",
+    ),
+    Reason.ONE_SEGMENT: (
+        "length",
+        "the finger is {} shorter than one segment",
+        "the finger is shorter than one segment",
+    ),
+    Reason.CHAMBERS_APART: (
+        "length",
+        "neighbouring chambers overlap by {} where the finger bends backwards",
+        "neighbouring chambers overlap where the finger bends backwards",
+    ),
+    Reason.CLEAR_OF_CLAMP: (
+        "length",
+        "the finger reaches {} behind its clamp",
+        "the finger reaches behind its clamp",
+    ),
+    Reason.CLEAR_OF_OBJECT_AT_REST: (
+        "length",
+        "the cover is {} inside the object at rest",
+        "the cover is inside the object at rest",
+    ),
+    Reason.CLEAR_OF_OBJECT: (
+        "length",
+        "the bent cover is {} inside the object",
+        "the bent cover is inside the object",
+    ),
+    Reason.CLEAR_OF_PALM: ("length", "the object is {} inside the palm", "the object is inside the palm"),
+    Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
+}
+
+RULE_NAMES = tuple(reason.rule for reason in Reason if reason.rule)
+"""The rules by name, as `Solution.margins` has them and `ignored_rules` takes them."""
