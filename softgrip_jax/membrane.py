@@ -87,10 +87,10 @@ COTANGENT_SERIES = (
 def contact_half_width(gap: Scalar, sunk: Scalar) -> Scalar:
     """c_a / a of an arc-flat-arc profile at the distance `gap` that is stretched as a free arc of height gap + sunk.
 
-    Both are given over a. With F(h) = h / sin^2 h - cot h and half arc angles h (touching), h_e (the free arc) and h + w, (3.11) is
-    gap F(h + w) = tan(h_e) F(h_e), and c_a / a = 1 - tan h / tan(h + w) = sin w / (cos h sin(h + w)). Everything is
-    written in the differences w and sunk and in q(x) = 1 - x cot x, so that a narrow contact loses no digits:
-    F(h + w) - F(h) = sin w (q(h) + q(h + w) - q(w)) / (sin h sin(h + w)).
+    Both are given over a. With F(h) = h / sin^2 h - cot h and half arc angles h (touching), h_e (the free arc) and
+    h + w, (3.11) is gap F(h + w) = tan(h_e) F(h_e), and c_a / a = 1 - tan h / tan(h + w) = sin w / (cos h sin(h + w)).
+    Everything is written in the differences w and sunk and in q(x) = 1 - x cot x, so that a narrow contact loses no
+    digits: F(h + w) - F(h) = sin w (q(h) + q(h + w) - q(w)) / (sin h sin(h + w)).
     """
 
     def rise(start, by):
