@@ -7,7 +7,6 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
@@ -98,6 +97,16 @@ class CurveScene(Scene):
     def end_reason(self) -> Int[Array, ""] | int:
         """The `Reason` that belongs to the end of the interval."""
         return Reason.ARC_CLOSED
+
+    def settled(self, found):
+        """As `Scene.settled`, with what rounding of the angle leaves of the load counted in: near the angle where a
+        material locks or an arc closes the load is so steep that no angle in floating point meets it more closely."""
+        fixed, found = frozen(self), frozen(found)
+        _, slope = jax.jvp(fixed.load, (found.unknowns,), (jnp.ones_like(found.unknowns),))
+        swing = jnp.abs(found.unknowns * slope)
+        eased = 1 + jnp.where(jnp.isfinite(swing), swing, 0.0) / (fixed.pressure_scale() + jnp.abs(found.pressure))
+        seen = found.seen or fixed.evaluated(found.unknowns, found.pressure)
+        return super().settled(found._replace(seen=(seen[0] / eased, seen[1])))
 
     def climb(self) -> Climb:
         """Look at the load curve once; every question starts from this."""
@@ -221,8 +230,11 @@ class CurveScene(Scene):
         detail = jnp.where(is_beyond, ends, jnp.nan)
         status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
 
-        # Rounding of the observable is relative to its change over a cell, where the value itself may be zero.
-        scale = lax.stop_gradient(jnp.abs(value) + crossing.scale)
+        # Rounding of the observable is relative to its change over a cell, where the value itself may be zero, and what
+        # rounding of the angle leaves of it.
+        _, slope = jax.jvp(lambda angle: wanted(fixed, angle), (angle,), (jnp.ones_like(angle),))
+        swing = jnp.abs(angle * slope)
+        scale = jnp.abs(value) + crossing.scale + jnp.where(jnp.isfinite(swing), swing, 0.0)
         mismatch = (wanted(fixed, angle) - value) / jnp.where(scale > 0, scale, 1.0)
         found = Found(angle, fixed.load(angle), status, crossing.iterations, mismatch, reason=reason, detail=detail)
         found = fixed.settled(found)
