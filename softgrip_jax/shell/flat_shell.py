@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..materials import Material, NeoHookean
+from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
 from ..scene import Scene
@@ -104,7 +104,7 @@ class ShellScene(CurveScene):
         return self.ENDLESS | (self.stretchable(self.geometry()[1]) <= 0)
 
     def may_dip(self):
-        return not isinstance(self.shell.material, NeoHookean)
+        return not self.shell.material.closed_forms().has_one_maximum
 
     def is_possible(self):
         possible = (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
@@ -114,8 +114,8 @@ class ShellScene(CurveScene):
 
 
 def has_largest_stretch(material: Material) -> bool:
-    """True for energies that lock at a finite stretch (Gent)."""
-    return type(material).stretchable is not Material.stretchable
+    """True for energies that may lock at a finite stretch: Gent's, and each one that does not say it is endless."""
+    return not material.closed_forms().is_endless
 
 
 LOCKING_MARGIN = 1e-9
