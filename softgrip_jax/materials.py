@@ -19,7 +19,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .checked import Checked, finite, is_concrete, nonzero, positive
+from .checked import Checked, check_fields, finite, is_concrete, nonzero, positive
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -148,7 +148,7 @@ def _stated_and_found(material: Material) -> tuple[tuple[Array, Array], ...]:
 def _require_true_statements(material: Material) -> None:
     """A ValueError where a class states a shear modulus (the scale of every load) or an energy of sheets that is not
     the one of its `energy`."""
-    Checked.__check_init__(material)
+    check_fields(material)
     if not _is_known(material):
         return
     with jax.ensure_compile_time_eval():
@@ -192,7 +192,7 @@ def _invariants(l1, l2, l3):
 
 def _require_stiff(material: Material) -> None:
     """A ValueError for constants that keep their own rules but together give no shear modulus."""
-    Checked.__check_init__(material)
+    check_fields(material)
     if not _is_known(material):
         return
     with jax.ensure_compile_time_eval():
