@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import html
+import textwrap
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
@@ -163,7 +164,9 @@ class Batched(eqx.Module):
                 cells.append([column.name, *column.values[:most]])
                 continue
             label, unit = DISPLAY[column.kind]
-            head = f"{column.name.replace('_', ' ')} {label}".strip()
+            # Observables in words; the path of a number in the scene as it is typed.
+            name = column.name if "." in column.name else column.name.replace("_", " ")
+            head = f"{name} {label}".strip()
             shown = ["-" if np.isnan(v) else f"{v / unit + 0.0:.5g}" for v in column.values[:most]]
             cells.append([head, *shown])
         return cells
@@ -182,7 +185,7 @@ class Batched(eqx.Module):
         if self.status.size > ROWS:
             lines.append(f"... and {self.status.size - ROWS} more")
         if omitted:
-            lines.append(f"Not shown: {', '.join(omitted)}; to_pandas() has all.")
+            lines.append(textwrap.fill(f"Not shown: {', '.join(omitted)}; to_pandas() has all.", WIDTH))
         return "\n".join([self._heading(), *lines])
 
     def __repr__(self) -> str:

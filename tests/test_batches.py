@@ -128,6 +128,8 @@ def test_a_batch_prints_as_a_table(curve, grid):
     assert "clamp angle deg" in lines[-1]
     assert repr(curve) == text
     assert "shell.a mm" in str(grid)
+    wide = sg.path(sg.shell.Grasp(SHELL, 20 * mm, 5 * mm, mass=0.5, friction=0.9), PRESSURES[:3])
+    assert max(map(len, str(wide).splitlines())) <= 110
     assert str(grid).splitlines()[4].split()[:4] == ["0,", "2", "14", "15"]
     assert "more" not in str(grid)
     assert repr(sg.solve(PLANE, 15 * kPa)) == str(sg.solve(PLANE, 15 * kPa))
