@@ -115,7 +115,8 @@ class Batched(eqx.Module):
             for key, part in parts.items():
                 if eqx.is_array(part) and part.shape == self.status.shape:
                     name = f"{field.name}.{key}" if key else field.name
-                    found.append(Column(name, self._flat(part), is_detail=True))
+                    kind = "length" if field.name == "margins" else "number"
+                    found.append(Column(name, self._flat(part), kind, is_detail=True))
         return found
 
     def _flat(self, value: Array) -> np.ndarray:

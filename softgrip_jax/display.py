@@ -30,10 +30,15 @@ def describe(module: Any, has_units: bool = True) -> str:
     shown = []
     for field in dataclasses.fields(module):
         # In the middle of its construction a module may not have all of its fields.
-        if field.repr and field.name in vars(module):
+        # An empty list of names (of rules that are switched off) says nothing.
+        if field.repr and field.name in vars(module) and not _is_empty(vars(module)[field.name]):
             kind = field.metadata.get("kind", "number") if has_units else "number"
             shown.append(f"{field.name}={_describe_value(vars(module)[field.name], kind, has_units)}")
     return f"{type(module).__name__}({', '.join(shown)})"
+
+
+def _is_empty(value: Any) -> bool:
+    return isinstance(value, tuple) and not value
 
 
 def is_readable(value: Any) -> bool:

@@ -96,12 +96,13 @@ def test_a_scene_that_was_not_batched_is_kept():
     state = {"tip": jnp.arange(10.0).reshape(5, 2), "tip_angle": jnp.arange(5.0)}
     state |= {name: jnp.zeros(5) for name in ("end_moment", "inclination")}
     zeros = jnp.zeros(5, int)
-    batch = Solution(scene, jnp.arange(5.0), zeros, jnp.zeros(5), zeros, jnp.zeros((5, 7)), state)
+    why = zeros, jnp.full(5, jnp.nan), {}
+    batch = Solution(scene, jnp.arange(5.0), zeros, jnp.zeros(5), zeros, jnp.zeros((5, 7)), state, *why)
     assert_same(batch[3].scene, scene)
     np.testing.assert_array_equal(batch[3].tip, [6.0, 7.0])
     # ... and under vmap every one of its arrays has the axis of the batch in front.
     stacked = jax.tree.map(lambda leaf: jnp.stack([leaf] * 5), scene)
-    batched = Solution(stacked, jnp.arange(5.0), zeros, jnp.zeros(5), zeros, jnp.zeros((5, 7)), state)
+    batched = Solution(stacked, jnp.arange(5.0), zeros, jnp.zeros(5), zeros, jnp.zeros((5, 7)), state, *why)
     assert_same(batched[3].scene, scene)
 
 
