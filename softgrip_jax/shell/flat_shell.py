@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..materials import Material, NeoHookean
+from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
 from ..reasons import Reason
@@ -120,15 +120,15 @@ class ShellScene(CurveScene):
         return jnp.where(self.locks(), Reason.MATERIAL_LOCKED, Reason.ARC_CLOSED)
 
     def may_dip(self):
-        return not isinstance(self.shell.material, NeoHookean)
+        return not self.shell.material.closed_forms().has_one_maximum
 
     def is_possible(self):
         return (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
 
 
 def has_largest_stretch(material: Material) -> bool:
-    """True for energies that lock at a finite stretch (Gent)."""
-    return type(material).stretchable is not Material.stretchable
+    """True for energies that may lock at a finite stretch: Gent's, and each one that does not say it is endless."""
+    return not material.closed_forms().is_endless
 
 
 LOCKING_MARGIN = 1e-9
