@@ -13,6 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .checked import Checked, finite, is_concrete, nonzero, positive
+from .errors import InputError
+from .names import listing
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -72,7 +74,7 @@ def _require_stiff(material: Material) -> None:
     Checked.__check_init__(material)
     if is_concrete(*jax.tree.leaves(material)) and not jnp.all(material.is_stable_at_rest()):
         modulus = float(jnp.min(material.shear_modulus()))
-        raise ValueError(
+        raise InputError(
             f"{type(material).__name__} has a shear modulus of {modulus:.6g} Pa; its constants must make it positive."
         )
 
@@ -161,7 +163,7 @@ class Ogden(Material):
 
     def __check_init__(self) -> None:
         if is_concrete(self.mu, self.alpha) and (self.mu.ndim != 1 or self.mu.shape != self.alpha.shape):
-            raise ValueError(
+            raise InputError(
                 f"Ogden.mu and Ogden.alpha have shapes {jnp.shape(self.mu)} and {jnp.shape(self.alpha)}; "
                 "they must be two lists of the same length."
             )
@@ -195,3 +197,5 @@ PRESETS = {
     "dragon_skin_30": dragon_skin_30,
     "dragon_skin_20_shell": dragon_skin_20_shell,
 }
+
+__dir__ = listing(globals())

@@ -18,6 +18,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import Checked, admissible, require, rule_names
+from .errors import InputError
 from .numerics.roots import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, gate, mask
@@ -108,7 +109,7 @@ class Scene(Checked):
 
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
-        raise ValueError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
+        raise InputError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
 
     def prepared(self) -> Scene:
         """The scene with choices made that need known numbers; called outside of jit, before anything else."""
@@ -212,7 +213,7 @@ def _checked(scene: Any) -> Scene:
             "jax.config.update('jax_enable_x64', False) after the import."
         )
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+        raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
     return scene.prepared()
 
 
@@ -308,13 +309,13 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
     """What `pressure_for` hands to its program."""
     scene = _checked(scene)
     if len(target) > 1:
-        raise ValueError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
+        raise InputError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
     name, value = next(iter(target.items())) if target else scene.target()
     if scene.OBSERVABLES.get(name) is None:
         allowed = ", ".join(scene.OBSERVABLES)
-        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
+        raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
     if scene.OBSERVABLES[name] == "position":
-        raise ValueError(f"{name} is a point (x, y); one pressure can meet one number.")
+        raise InputError(f"{name} is a point (x, y); one pressure can meet one number.")
     return scene, name, require(name, value, "finite", scene.OBSERVABLES[name])
 
 
