@@ -141,8 +141,8 @@ def compare(
     weak = [f"{100 * w:.0f} %" for w in windows if w not in known and _points_inside(curve, w) >= LEAST_POINTS]
     if weak:
         remarks.append(
-            f"There is no neo-Hookean mu up to {' and '.join(weak)} strain: on the whole the stresses there are not above "
-            "zero."
+            f"There is no neo-Hookean mu up to {' and '.join(weak)} strain: on the whole the stresses there are not "
+            "above zero."
         )
     return Comparison(curve, window, judged, found, tuple(remarks))
 
