@@ -4,6 +4,8 @@
 >>> run = optim.load_run("runs/shell_grasp-001")
 """
 
+from softgrip_jax.names import listing as _listing
+
 from .calibrate import Fit as Fit
 from .calibrate import calibrate as calibrate
 from .curve_files import Curve as Curve
@@ -21,3 +23,5 @@ from .search import search as search
 from .tension import Tension as Tension
 from .variables import Space as Space
 from .variables import Variable as Variable
+
+__dir__ = _listing(globals(), "Quantity")

@@ -13,7 +13,7 @@ vmap: a lane is already a batch over its points, and none waits for the slowest.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -22,6 +22,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
+from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.units import DISPLAY
 
@@ -42,7 +43,10 @@ ON_BOUND = 1e-3
 """A parameter this near to a bound (of its range) is held by it."""
 
 SAME_COST = 1e-6
-"""Two starts have found the same minimum when their costs differ by less, relatively."""
+"""Two starts have found equally good fits when their costs differ by less, relatively."""
+
+SAME_PARAMETERS = 1e-2
+"""Two starts have found the same fit when no parameter differs by more, relative to its size."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,8 +176,16 @@ def run_lanes(fitting: Fitting, lanes: Sequence[Lane], stage: str = "", report: 
     return jax.tree.map(lambda *leaves: np.stack([np.asarray(v) for v in leaves]), *ends)
 
 
-def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0, report: Tell = silent) -> Fit:
+def calibrate(
+    fitting: Fitting,
+    starts: int = STARTS,
+    seed: int = 0,
+    report: Tell = silent,
+    canonical: Callable[[np.ndarray], np.ndarray] = lambda x: x,
+) -> Fit:
     """The best fit; `report` is told of every stage.
+
+    `canonical` gives parameters (SI) that describe the same model, such as terms of a sum in another order, one form.
 
     Raises: ValueError in one sentence where the data cannot give one.
     """
@@ -186,13 +198,13 @@ def calibrate(fitting: Fitting, starts: int = STARTS, seed: int = 0, report: Tel
     tried = run_lanes(fitting, lanes, "compiling once, then fits from several starts", report)
     best = int(np.argmin(np.where(np.isfinite(tried.cost), tried.cost, np.inf)))
     lane = lanes[best]._replace(start=jnp.asarray(off_bounds(fitting, tried.u[best])))
-    notes = _other_minima(tried, best)
+    notes = _other_minima(fitting, tried, best, canonical)
     report("noise")
     lane = with_noise(fitting, lane)
     lane, dropped = _without_lost_points(fitting, lane)
     if int(lane.weight.sum()) <= space.size:
         why = implausible(fitting) or ["the pressures of the others are beyond the limit point of the model."]
-        raise ValueError(
+        raise InputError(
             f"{int(lane.weight.sum())} of {int(fitting.weight.sum())} points have an equilibrium within the bounds, "
             f"too few for a fit: {why[0]}"
         )
@@ -226,16 +238,16 @@ def require_data(fitting: Fitting) -> None:
     n = fitting.space.size
     points = int(np.sum(fitting.weight))
     if points == 0:
-        raise ValueError("No curve is fitted; leave out fit = false for at least one.")
+        raise InputError("No curve is fitted; leave out fit = false for at least one.")
     if points <= n:
         count = f"{points} point" + ("" if points == 1 else "s")
-        raise ValueError(
+        raise InputError(
             f"There {'is' if points == 1 else 'are'} {count} for {n} parameter{'' if n == 1 else 's'}; "
             "more points than parameters are needed."
         )
     for curve in fitting.curves:
         if curve.fit and curve.noise is None and len(curve.x) < 3:
-            raise ValueError(
+            raise InputError(
                 f"Curve {curve.name!r} has {len(curve.x)} point{'' if len(curve.x) == 1 else 's'}, too few to estimate "
                 "its noise; state it."
             )
@@ -299,12 +311,21 @@ def off_bounds(fitting: Fitting, u: Any) -> np.ndarray:
     return np.asarray(to_free(fitting.space.inside(np.asarray(to_unit(jnp.asarray(u))))))
 
 
-def _other_minima(tried: Fitted, best: int) -> list[str]:
-    """A sentence where other starts ended in a fit nearly as good at other parameters."""
-    close = tried.cost < tried.cost[best] * (1 + SAME_COST) + SAME_COST
-    spread = np.ptp(np.log(np.abs(tried.x[close & tried.converged])), axis=0) if close.sum() > 1 else np.zeros(1)
-    if np.max(spread, initial=0.0) > 1e-2:
-        return ["Fits from different starts are equally good at different parameters: see what cannot be told apart."]
+def _other_minima(
+    fitting: Fitting, tried: Fitted, best: int, canonical: Callable[[np.ndarray], np.ndarray]
+) -> list[str]:
+    """A sentence where other starts ended in a fit nearly as good at other parameters.
+
+    Whether those fits have settled does not matter: on the floor of a valley none may, and all of it is equally good.
+    """
+    close = tried.cost <= tried.cost[best] * (1 + SAME_COST) + SAME_COST
+    x = np.array([canonical(row) for row in tried.x[close]]).reshape(-1, fitting.space.size)
+    apart = (x - canonical(tried.x[best])) / fitting.sizes_of(tried.x[best])
+    if np.max(np.abs(apart), initial=0.0) > SAME_PARAMETERS:
+        return [
+            "Fits from different starts are equally good at different parameters: the data do not tell these "
+            "parameters apart."
+        ]
     return []
 
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from scipy import stats
 
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
+from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
 from .calibrate import Fit, implausible
@@ -74,9 +74,10 @@ def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int, report: T
         return Findings(fit, tuple(found), without, specimens, (), (*fit.notes, STOPPED), stopped=True)
     remarks = [note for curve in fit.fitting.curves for note in curve.notes]
     remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
-    remarks += [*_on_bounds(fit), *_misfit(fit), *_correlated(fit, directions), *_spread(fit, specimens)]
+    held, correlated = _on_bounds(fit), _correlated(fit, directions)
+    remarks += [*held, *_misfit(fit), *correlated, *_spread(fit, specimens)]
     remarks += [direction.sentence() for direction in directions]
-    if not directions:
+    if not (directions or held or correlated):
         remarks.append(
             "The data determine every parameter." if fit.fitting.space.size > 1 else "The data determine the parameter."
         )
@@ -200,8 +201,8 @@ def _misfit(fit: Fit) -> list[str]:
 def _correlated(fit: Fit, directions: Sequence[Direction]) -> list[str]:
     space, apart = fit.fitting.space, {name for d in directions for name in d.names}
     return [
-        f"{space.names[i]} and {space.names[j]} are strongly correlated ({fit.correlation[i, j]:+.3f}): quote them "
-        "together."
+        f"{space.names[i]} and {space.names[j]} are strongly correlated ({fit.correlation[i, j]:+.3f}): the data "
+        "determine a combination of them much better than either of them; quote both with their correlation."
         for i in range(space.size)
         for j in range(i)
         if abs(fit.correlation[i, j]) > CORRELATED and not {space.names[i], space.names[j]} <= apart

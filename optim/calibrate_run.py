@@ -19,7 +19,7 @@ import numpy as np
 from rich.console import Console
 
 from softgrip_jax import config as configs
-from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import located
 from softgrip_jax.folders import Undisturbed
 from softgrip_jax.materials import Material
 from softgrip_jax.progress import stages
@@ -45,14 +45,9 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
     wanted = settings.read(read)
     table = wanted.table
     with new_folder(out, config.stem) as (folder, final):
-        try:
-            with stages(console) as tell:
-                fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
-                findings = examine(fit, table.intervals, table.repeats, table.seed, tell)
-        except ConfigError:
-            raise
-        except ValueError as error:
-            raise ConfigError(f"{config}, [calibrate]: {error}") from None
+        with located(f"{config}, [calibrate]"), stages(console) as tell:
+            fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
+            findings = examine(fit, table.intervals, table.repeats, table.seed, tell)
         with Undisturbed() as writing:
             _write(folder, given, read, findings)
     report(findings, console)

@@ -22,7 +22,7 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.sections import Table, varied
 
 from .calibrate import STARTS
@@ -94,10 +94,8 @@ def read(config: configs.Config) -> Settings:
         if names.count(name) > 1:
             raise ConfigError(f"{where}: two curves are called {name!r}; give each a name of its own.")
     variables = [_variable(config, models, parameter, where) for parameter in table.parameters]
-    try:
+    with located(where):
         return Settings(Fitting(models, variables, curves, table.loss), table)
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None
 
 
 def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, where: str) -> Curve:
@@ -191,7 +189,5 @@ def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTa
         test = f"{TEST} {scene}"
         if test in models and "material" in parts:
             tied.append(".".join([test, *parts[parts.index("material") :]]))
-    try:
+    with located(where):
         return Variable(" = ".join([name, *tied]), low, high, table.scale)
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None

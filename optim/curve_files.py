@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import InputError
 from softgrip_jax.units import DISPLAY, degree
 
 UNITS: dict[str, dict[str, float]] = {
@@ -77,7 +78,7 @@ class Curve:
 
     def __post_init__(self) -> None:
         if self.noise is not None and not (np.isfinite(self.noise) and self.noise > 0):
-            raise ValueError(f"The noise of curve {self.name!r} is {self.noise:g}; it must be a positive number.")
+            raise InputError(f"The noise of curve {self.name!r} is {self.noise:g}; it must be a positive number.")
 
     @property
     def label(self) -> str:

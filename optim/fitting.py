@@ -28,6 +28,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
 
@@ -161,7 +162,7 @@ class Fitting:
         loss: str = "linear",
     ):
         if loss not in LOSSES:
-            raise ValueError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
+            raise InputError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
         ready = {name: model.prepared() if isinstance(model, Scene) else model for name, model in models.items()}
         self.space, self.curves, self.loss = Space(ready, variables), tuple(curves), loss
         self.given = Space(models, variables)
@@ -266,6 +267,12 @@ class Fitting:
     def scales(self, x: Any) -> Any:
         """What makes a change of each parameter a pure number: its value (log), or its range (linear)."""
         return jnp.where(self.space.is_log, jnp.asarray(x), self.space.high - self.space.low)
+
+    def sizes_of(self, x: Any) -> np.ndarray:
+        """What a change of each parameter is small against: its value where that cannot be zero, else its value or at
+        least a thousandth of its range."""
+        space = self.space
+        return np.where(space.low > 0, x, np.maximum(np.abs(x), 1e-3 * (space.high - space.low)))
 
     def statistics(self, predicted: Predicted, lane: Lane, scales: Any) -> Statistics:
         """Noise per curve and covariance of the parameters from where a fit ended.

@@ -13,12 +13,12 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from softgrip_jax import config as configs
-from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import located
 from softgrip_jax.folders import Undisturbed, new_folder
 from softgrip_jax.progress import stages
+from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
 from . import settings
@@ -32,16 +32,13 @@ SHOWN = 9
 def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: str, console: Console) -> Path:
     """Find the front, print it, and return the folder that holds it; Ctrl-C as in `run.run_design`."""
     with new_folder(out, name) as (folder, final):
-        try:
-            with stages(console) as tell:
-                tell("compiling")
-                front = pareto(
-                    wanted.problem,
-                    report=lambda stage, solves: tell(f"{stage}, {solves} designs solved before"),
-                    **wanted.arguments,
-                )
-        except ValueError as error:
-            raise ConfigError(f"{name}: {error}") from None
+        with located(name), stages(console) as tell:
+            tell("compiling")
+            front = pareto(
+                wanted.problem,
+                report=lambda stage, solves: tell(f"{stage}, {solves} designs solved before"),
+                **wanted.arguments,
+            )
         with Undisturbed() as writing:
             _write(folder, given, wanted, front)
     report(front, console)

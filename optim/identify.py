@@ -95,9 +95,8 @@ def unknown_directions(fit: Fit) -> list[Direction]:
 
 
 def _relative(fit: Fit) -> np.ndarray:
-    """dx of a relative change: x where its bounds are positive, else its size (at least a thousandth of the range)."""
-    space = fit.fitting.space
-    return np.where(space.low > 0, fit.x, np.maximum(np.abs(fit.x), 1e-3 * (space.high - space.low)))
+    """dx of a relative change of each parameter."""
+    return fit.fitting.sizes_of(fit.x)
 
 
 def _relative_jacobian(fit: Fit) -> np.ndarray:

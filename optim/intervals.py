@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 
 from .calibrate import CONFIDENCE, Fit, run_lanes
@@ -52,7 +53,7 @@ def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, repo
         return bootstrap(fit, repeats, seed, report)
     if method == "profile":
         return profile(fit, report)
-    raise ValueError(f"The intervals are {method!r}; they must be one of {', '.join(map(repr, METHODS))}.")
+    raise InputError(f"The intervals are {method!r}; they must be one of {', '.join(map(repr, METHODS))}.")
 
 
 def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Intervals:

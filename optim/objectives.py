@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.quantities import Asked, Quantity, State, named
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -48,9 +49,9 @@ class Goal:
 
     def __post_init__(self) -> None:
         if self.kind not in ("minimise", "maximise", "reach"):
-            raise ValueError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
+            raise InputError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
         if (self.kind == "reach") != (self.target is not None):
-            raise ValueError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
+            raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
     def term(self, value: Scalar, scale: float) -> Scalar:
         if self.target is not None:
@@ -72,9 +73,9 @@ class Limits:
 
     def __post_init__(self) -> None:
         if self.low is None and self.high is None:
-            raise ValueError(f"The constraint on {self.quantity.label()} has no bound; give low, high or both.")
+            raise InputError(f"The constraint on {self.quantity.label()} has no bound; give low, high or both.")
         if self.low is not None and self.high is not None and not self.low < self.high:
-            raise ValueError(f"The constraint on {self.quantity.label()}: low must be below high.")
+            raise InputError(f"The constraint on {self.quantity.label()}: low must be below high.")
 
     def sides(self) -> list[tuple[int, float]]:
         """(sign, bound) of each one-sided constraint sign * (value - bound) / scale <= 0."""
@@ -115,7 +116,7 @@ class Problem:
 
     def __init__(self, space: Space, goals: Sequence[Goal], limits: Sequence[Limits] = ()):
         if not goals:
-            raise ValueError("There is no goal; say what to minimise, maximise or reach.")
+            raise InputError("There is no goal; say what to minimise, maximise or reach.")
         self.space, scenes = space, space.scenes
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
@@ -191,7 +192,7 @@ class Problem:
         def size(quantity: Quantity) -> float:
             value = abs(float(at_start[self.quantities.index(quantity)]))
             if not (np.isfinite(value) and value > 0):
-                raise ValueError(
+                raise InputError(
                     f"{quantity.label()} is {value:g} at the starting design, which gives it no scale; state one."
                 )
             return value

@@ -25,6 +25,8 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
+from softgrip_jax.errors import InputError
+
 from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
 from .objectives import Problem, Scales
 from .search import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
@@ -94,9 +96,9 @@ def pareto(
     """
     goals = len(problem.goals)
     if goals not in (2, 3):
-        raise ValueError(f"A trade-off is between two or three goals; there are {goals}.")
+        raise InputError(f"A trade-off is between two or three goals; there are {goals}.")
     if points < 2:
-        raise ValueError(f"points is {points}; it must be 2 or more.")
+        raise InputError(f"points is {points}; it must be 2 or more.")
     began = time.perf_counter()
     known = _Known(problem, starts, seed)
     compiled = time.perf_counter()
@@ -155,7 +157,7 @@ class _Known:
             self.evaluate.solves += found.solves
             self.add(np.stack([design.t for design in found.designs]))
         if not np.any(np.isfinite(self.broken)):
-            raise ValueError("No design with an equilibrium was found; there is no front to begin with.")
+            raise InputError("No design with an equilibrium was found; there is no front to begin with.")
         self.best, self.worst = np.zeros(len(problem.goals)), np.ones(len(problem.goals))
         self.ends = np.zeros(0, dtype=int)
         self.visited: list[tuple[np.ndarray, np.ndarray, float]] = []
@@ -207,7 +209,7 @@ class _Known:
             self.add(on_bounds(np.stack(found)))
         feasible = self.broken <= FEASIBLE
         if not np.any(feasible):
-            raise ValueError("No design that keeps every constraint was found; there is no front.")
+            raise InputError("No design that keeps every constraint was found; there is no front.")
         if goals == 2:
             self.ends = np.argmin(np.where(feasible[:, None], self.scaled() @ weights.T, np.inf), axis=0)
         else:

@@ -18,16 +18,17 @@ import jax
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import InputError
 from softgrip_jax.folders import Undisturbed
 from softgrip_jax.folders import new_folder as new_folder
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
+from softgrip_jax.tables import Table
 
 from . import settings
 from .front_run import run_front
@@ -87,7 +88,7 @@ class Run:
         """The scene of the best design, where there is one scene."""
         if len(self.best_scenes) != 1:
             names = ", ".join(self.best_scenes) or "none: it is a front"
-            raise ValueError(f"This run has no single best scene; best_scenes holds {names}.")
+            raise InputError(f"This run has no single best scene; best_scenes holds {names}.")
         return next(iter(self.best_scenes.values()))
 
 

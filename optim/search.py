@@ -25,6 +25,7 @@ import optax
 from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
+from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 
 from .finish import LOST, finish
@@ -199,10 +200,10 @@ def search(
         report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
     """
     if optimiser not in OPTIMISERS:
-        raise ValueError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
+        raise InputError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
     for name, number in (("starts", starts), ("steps", steps), ("finishes", finishes)):
         if number < 1:
-            raise ValueError(f"{name} is {number}; it must be 1 or more.")
+            raise InputError(f"{name} is {number}; it must be 1 or more.")
     space, began = problem.space, time.perf_counter()
     evaluate = Evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)

@@ -22,7 +22,7 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.leaves import Scenes
 from softgrip_jax.quantities import SHAPE, Quantity, State
 from softgrip_jax.scene import Scene
@@ -90,16 +90,12 @@ def read(config: configs.Config) -> Settings:
         raise ConfigError(f"{config.path}: there is no section [design], which says what to search for.")
     table = configs.validated(DesignTable, config.tables["design"], where)
     scenes = config.scenes
-    try:
+    with located(where):
         problem = Problem(
             Space(scenes, [_variable(scenes, v, where) for v in table.variables]),
             [goal for g in table.goals for goal in _goals(scenes, g, where)],
             [_limits(scenes, c, where) for c in table.constraints],
         )
-    except ConfigError:
-        raise
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None
     if table.front is None:
         names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")
         return Settings(problem, {name: getattr(table, name) for name in names}, False)

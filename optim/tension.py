@@ -52,6 +52,8 @@ class Candidate(NamedTuple):
 
     start: Material
     variables: list[Variable]
+    canonical: Callable[[np.ndarray], np.ndarray] = lambda x: x
+    """Constants that describe the same material in one form."""
 
 
 WIDE = 1e3
@@ -108,9 +110,16 @@ def _ogden(terms: int) -> Callable[[float, float], Candidate]:
             Variable("material.mu", mu / WIDE**2, mu * WIDE, "log"),
             Variable("material.alpha", 0.3, 20.0, "log"),
         ]
-        return Candidate(start, variables)
+        return Candidate(start, variables, _terms_by_exponent)
 
     return make
+
+
+def _terms_by_exponent(x: np.ndarray) -> np.ndarray:
+    """(mu_1, ..., alpha_1, ...) with the terms of the sum in the order of their exponents."""
+    mu, alpha = np.split(x, 2)
+    order = np.argsort(alpha)
+    return np.concatenate([mu[order], alpha[order]])
 
 
 CANDIDATES: dict[str, Callable[[float, float], Candidate]] = {

@@ -29,14 +29,14 @@ import jax.numpy as jnp
 import numpy as np
 import pydantic
 from rich.console import Console
-from rich.table import Table as PrintedTable
 
 from softgrip_jax import config as configs
-from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import ConfigError, InputError, located
 from softgrip_jax.materials import Material
 from softgrip_jax.progress import Tell, silent, stages
 from softgrip_jax.results import in_units
 from softgrip_jax.sections import Table
+from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
 
 from .calibrate import Fit, calibrate, finished, with_noise
@@ -107,6 +107,8 @@ class Comparison:
     judged: list[Judged]
     """Best first."""
     windows: list[Window]
+    remarks: tuple[str, ...] = ()
+    """What was left out, in sentences."""
 
     @property
     def chosen(self) -> Judged:
@@ -120,16 +122,34 @@ def compare(
     """Fit every material to a curve up to a strain, and the neo-Hookean mu in several windows."""
     inside = curve.x <= window * (1 + 1e-9)
     _require_points(curve, inside, window)
-    judged = []
+    judged, remarks = [], []
     for name in materials:
         tell(f"fitting {name}")
         tried = candidate(name, curve.x[inside], curve.y[inside])
         fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [_part(curve, inside)])
-        fit = calibrate(fitting, STARTS if len(tried.variables) > 1 else 1, seed)
+        fit = calibrate(fitting, STARTS if len(tried.variables) > 1 else 1, seed, canonical=tried.canonical)
         material = fit.modules()[TEST].material
+        if not bool(material.is_stable_at_rest()):
+            remarks.append(f"{name} is left out: {_softer_than_nothing(material)}.")
+            continue
         judged.append(Judged(name, fit, material, akaike(fit), softening(material, window)))
+    if not judged:
+        raise InputError(f"No material describes this test. {' '.join(remarks)}")
     judged.sort(key=lambda one: one.akaike)
-    return Comparison(curve, window, judged, neo_hookean_windows(curve, windows))
+    found = neo_hookean_windows(curve, windows)
+    known = {one.strain for one in found}
+    weak = [f"{100 * w:.0f} %" for w in windows if w not in known and _points_inside(curve, w) >= LEAST_POINTS]
+    if weak:
+        remarks.append(
+            f"There is no neo-Hookean mu up to {' and '.join(weak)} strain: on the whole the stresses there are not "
+            "above zero."
+        )
+    return Comparison(curve, window, judged, found, tuple(remarks))
+
+
+def _softer_than_nothing(material: Material) -> str:
+    modulus = in_units(float(f"{float(material.shear_modulus()):.3g}"), "pressure")
+    return f"its best fit has a shear modulus of {modulus} at rest, and no material has a negative one"
 
 
 TEST = "test"
@@ -140,25 +160,32 @@ def akaike(fit: Fit) -> float:
     n, k = int(fit.used.sum()), fit.fitting.space.size + 1
     square = float(np.sum(fit.errors[fit.used] ** 2))
     correction = 2 * k * (k + 1) / (n - k - 1) if n > k + 1 else np.inf
-    return n * float(np.log(square / n)) + 2 * k + correction
+    # Numbers that were computed and not measured may be met exactly.
+    return n * float(np.log(max(square / n, np.finfo(float).tiny))) + 2 * k + correction
 
 
 def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
-    """mu and its 95 % interval in each window that has three points or more."""
+    """mu and its 95 % interval in each window that has three points or more, and on the whole a positive stress."""
     tried = candidate("NeoHookean", curve.x, curve.y)
     fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [curve])
     start = to_free(fitting.space.inside(fitting.space.to_unit(fitting.space.reference)))
     found = []
     for window in windows:
         inside = curve.x <= window * (1 + 1e-9)
-        if inside.sum() >= LEAST_POINTS:
+        if _points_inside(curve, window) >= LEAST_POINTS:
             lane = fitting.lane(start, weight=jnp.asarray(inside.astype(float)))
             fit = finished(fitting, with_noise(fitting, lane))
+            if fit.on_bound.any():
+                continue  # the least-squares mu is zero or negative: a slack specimen, or a load cell below its zero
             found.append(Window(window, float(fit.x[0]), float(fit.low[0]), float(fit.high[0])))
     return found
 
 
 LEAST_POINTS = 3
+
+
+def _points_inside(curve: Curve, window: float) -> int:
+    return int(np.sum(curve.x <= window * (1 + 1e-9)))
 
 
 def _part(curve: Curve, inside: np.ndarray) -> Curve:
@@ -168,12 +195,12 @@ def _part(curve: Curve, inside: np.ndarray) -> Curve:
 
 def _require_points(curve: Curve, inside: np.ndarray, window: float) -> None:
     if inside.sum() < LEAST_POINTS + 3:
-        raise ValueError(
+        raise InputError(
             f"{inside.sum()} of {len(curve.x)} points are in the window of {100 * window:g} % strain; materials are "
             f"compared on {LEAST_POINTS + 3} or more."
         )
     if np.max(curve.x[inside]) <= 0 or np.max(curve.y[inside]) <= 0:
-        raise ValueError("The test has no positive strains and stresses; both are positive in tension.")
+        raise InputError("The test has no positive strains and stresses; both are positive in tension.")
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
@@ -200,13 +227,8 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
     if table.compare_percent is None and largest not in windows:
         windows.append(largest)
     with new_folder(out, config.stem) as (folder, final):
-        try:
-            with stages(console) as tell:
-                found = compare(curve, table.materials, min(window, largest), windows, table.seed, tell)
-        except ConfigError:
-            raise
-        except ValueError as error:
-            raise ConfigError(f"{config}, [tension]: {error}") from None
+        with located(f"{config}, [tension]"), stages(console) as tell:
+            found = compare(curve, table.materials, min(window, largest), windows, table.seed, tell)
         remarks = verdicts(found)
         comment = "\n".join([provenance(config.name), *_words_of(found)])
         (folder / "config.toml").write_bytes(given)
@@ -221,7 +243,7 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
 
 def verdicts(found: Comparison) -> list[str]:
     """How far to trust it, in sentences."""
-    said = list(found.curve.notes)
+    said = [*found.curve.notes, *found.remarks]
     if found.windows and not SOFT < found.windows[0].mu < STIFF:
         said.append(
             f"mu of about {in_units(found.windows[0].mu, 'pressure')} is not that of a silicone or rubber: is the unit "
@@ -284,7 +306,7 @@ def report(found: Comparison, remarks: list[str], console: Console) -> None:
             constants,
             in_units(float(f"{float(one.material.shear_modulus()):.4g}"), "pressure"),
             in_units(float(f"{one.rmse:.3g}"), "pressure"),
-            f"+{one.akaike - best:.1f}",
+            f"+{one.akaike - best:.1f}" if np.isfinite(one.akaike) else "too few points",
             "yes" if not one.softens else f"to {100 * min(s.strain for s in one.softens):.0f} %",
         )
     console.print(table)
@@ -322,7 +344,7 @@ def _summary(found: Comparison, remarks: list[str]) -> dict[str, Any]:
         return {
             "constants": dict(zip(names, map(float, judged.fit.x), strict=True)),
             "rmse": judged.rmse,
-            "aic": judged.akaike,
+            "aic": judged.akaike if np.isfinite(judged.akaike) else None,
             "softens": [{"mode": s.mode, "strain": s.strain} for s in judged.softens],
         }
 

@@ -21,6 +21,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool
 
 from .display import describe, is_readable
+from .errors import InputError
 from .plausible import Doubt, doubts, warn
 from .reasons import RULE_NAMES
 from .units import SI
@@ -125,11 +126,11 @@ def require(name: str, value: Any, rule: str, kind: str) -> Any:
     test, words = RULES[rule][1], wanted(rule, SI[kind])
     array = to_float_array(value)
     if not isinstance(array, jax.Array):
-        raise ValueError(f"{name} is {value!r}; it must be {words}.")
+        raise InputError(f"{name} is {value!r}; it must be {words}.")
     if is_concrete(array):
         seen = np.asarray(array)
         if not np.all(test(seen)):
-            raise ValueError(f"{name} is {_first_bad(seen, test)}; it must be {words}.")
+            raise InputError(f"{name} is {_first_bad(seen, test)}; it must be {words}.")
     return array
 
 
@@ -160,20 +161,20 @@ def check_fields(module: Checked) -> list[Doubt]:
                 continue
             array = require(where, value, meta["rule"], meta["kind"])
             if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):
-                raise ValueError(f"{where} is {value!r}; it must be a pair of numbers (x, y).")
+                raise InputError(f"{where} is {value!r}; it must be a pair of numbers (x, y).")
             if is_concrete(array):
                 found += doubts(where, np.asarray(array), meta["kind"], meta["rule"])
         elif meta.get("friction") and not callable(value):
             require(where, value, "positive", "number")
         elif "allowed" in meta and value not in meta["allowed"]:
-            raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+            raise InputError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
         elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
-            raise ValueError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
+            raise InputError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
         elif "least" in meta and not (type(value) is int and value >= meta["least"]):
-            raise ValueError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
+            raise InputError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
         elif "types" in meta and not isinstance(value, meta["types"]):
             names = " or ".join(t.__name__ for t in meta["types"])
-            raise ValueError(f"{where} is {value!r}; it must be a {names}.")
+            raise InputError(f"{where} is {value!r}; it must be a {names}.")
     return found
 
 

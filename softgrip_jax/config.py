@@ -34,6 +34,7 @@ from . import pneunet as pneunet
 from . import shell as shell
 from .checked import RULES, Checked, wanted
 from .errors import ConfigError as ConfigError
+from .errors import InputError, located
 from .objects import Friction
 from .plausible import units_are_stated
 from .scene import Scene
@@ -179,7 +180,7 @@ def question(config: Config) -> dict[str, float]:
         return {name: float(read_numbers(value, f"{where}: {key}", rule, kind, [""]))}
     try:
         config.scene.target()
-    except ValueError as error:
+    except InputError as error:
         raise ConfigError(
             f"{config.path}: there is nothing to solve for: {str(error).rstrip('.')}; "
             f"give {unit_key('pressure', 'pressure')} or an observable in [solve]."
@@ -268,11 +269,8 @@ def read_module(bases: tuple[type, ...], table: Any, where: str) -> Any:
     for key in keys.values():
         if key.required and key.name not in given:
             raise ConfigError(f"{where}: the key {key.key} of {type_name(cls)} is missing.")
-    try:
-        with units_are_stated():
-            return cls(**given)
-    except ValueError as error:
-        raise ConfigError(f"{where}: {' '.join(str(error).split())}") from None
+    with located(where), units_are_stated():
+        return cls(**given)
 
 
 def read_field(key: Key, value: Any, where: str) -> Any:

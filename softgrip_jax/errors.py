@@ -1,8 +1,32 @@
-"""What tells of the user's mistakes; apart from the rooms that raise it, so that the command line starts at once."""
+"""The exceptions of the user's mistakes; apart from the rooms that raise them, so that the command line starts at once.
+
+Whatever else is raised, a plain ValueError of NumPy or JAX included, is a fault of this package and is seen as one: no
+room catches it and calls it a mistake of the user's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
-class ConfigError(ValueError):
-    """A mistake in a config or on the command line, in one sentence for people."""
+class InputError(ValueError):
+    """What somebody gives cannot be meant: a value, a name, a question or data, in one sentence for people."""
+
+
+class ConfigError(InputError):
+    """A mistake in a config or on the command line, in one sentence for people that says where it stands."""
+
+
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """An InputError from within becomes a ConfigError that begins with its place; one that has a place keeps it."""
+    try:
+        yield
+    except ConfigError:
+        raise
+    except InputError as error:
+        raise ConfigError(f"{where}: {' '.join(str(error).split())}") from None
 
 
 class UnitWarning(UserWarning):

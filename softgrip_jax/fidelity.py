@@ -25,6 +25,8 @@ from jax.core import Tracer
 
 from . import pneunet, shell
 from .checked import require
+from .errors import InputError
+from .names import listing
 from .pneunet.finger_scene import PART_POINTS, FingerScene
 from .results import Solution, Status
 from .scene import RESIDUAL_EPS, Scene, pressure_for, solve
@@ -154,9 +156,9 @@ def choose(
     Raises: ValueError for an observable that the scene does not have, and for numbers that cannot be meant.
     """
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+        raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
     if isinstance(pressure, Tracer) or np.ndim(pressure) > 0:
-        raise ValueError("choose compares numbers: it takes one known pressure, outside of jit and vmap.")
+        raise InputError("choose compares numbers: it takes one known pressure, outside of jit and vmap.")
     tolerance = float(require("tolerance", tolerance, "positive", "number"))
     name = _observable(scene, observable, pressure is None)
     ladder = rungs(scene, [*target, name])
@@ -182,7 +184,7 @@ def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:
     if wanted is None:
         return known[0]
     if wanted not in known:
-        raise ValueError(f"{type(scene).__name__} has no observable {wanted!r}; it has: {', '.join(known)}.")
+        raise InputError(f"{type(scene).__name__} has no observable {wanted!r}; it has: {', '.join(known)}.")
     return wanted
 
 
@@ -339,3 +341,6 @@ def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[R
         if every >= finest and count > 1:
             return
         each = math.ceil(MORE_POINTS * each)
+
+
+__dir__ = listing(globals())

@@ -20,6 +20,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .errors import InputError
+
 Scenes = Mapping[str, Any]
 """Scenes by name; a fit of measured curves also moves the leaves of its material tests."""
 
@@ -54,7 +56,7 @@ class Leaves:
 
     def __init__(self, scenes: Scenes, leaves: Sequence[Named]):
         if not leaves:
-            raise ValueError("There is no variable; name at least one leaf to vary.")
+            raise InputError("There is no variable; name at least one leaf to vary.")
         self.scenes = dict(scenes)
         self.names: list[str] = []
         """One per entry of the vector."""
@@ -69,15 +71,15 @@ class Leaves:
             found = getter(self.scenes)
             for value in found:
                 if not eqx.is_inexact_array(value):
-                    raise ValueError(f"Variable {leaf.name!r} is {value!r}; it must be a number that a scene holds.")
+                    raise InputError(f"Variable {leaf.name!r} is {value!r}; it must be a number that a scene holds.")
                 if value.shape != found[0].shape:
-                    raise ValueError(f"The tied leaves of {leaf.name!r} have different shapes.")
+                    raise InputError(f"The tied leaves of {leaf.name!r} have different shapes.")
             values = np.asarray(found[0], dtype=float).ravel()
             short = leaf.name.split("=")[0].strip()
             names = [short] if found[0].ndim == 0 else [f"{short}[{i}]" for i in range(values.size)]
             for name in names:
                 if name in self.names:
-                    raise ValueError(f"Variable {name!r} is given twice.")
+                    raise InputError(f"Variable {name!r} is given twice.")
             self.names += names
             self.kinds += [kind] * values.size
             self.sizes.append(values.size)
@@ -124,8 +126,8 @@ class Leaves:
         found = [path for path, fault in zip(candidates, faults, strict=True) if not fault]
         if not found:
             if len(candidates) == 1:
-                raise ValueError(faults[0])
-            raise ValueError(f"Variable {whole!r} is in no scene; name one of {_list(self.scenes)} before it.")
+                raise InputError(faults[0])
+            raise InputError(f"Variable {whole!r} is in no scene; name one of {_list(self.scenes)} before it.")
         return found
 
     def _fault(self, path: tuple[str, ...], whole: str) -> str:
@@ -148,11 +150,11 @@ def between(t: Any, low: Any, high: Any, is_log: Any, xp: Any = np) -> Any:
 def require_range(name: str, low: float, high: float, scale: str) -> None:
     """A ValueError in one sentence for bounds that cannot be meant."""
     if scale not in SCALES:
-        raise ValueError(f"The scale of variable {name!r} is {scale!r}; it must be 'linear' or 'log'.")
+        raise InputError(f"The scale of variable {name!r} is {scale!r}; it must be 'linear' or 'log'.")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
-        raise ValueError(f"The bounds of {name!r} are {low} and {high}; low must be below high.")
+        raise InputError(f"The bounds of {name!r} are {low} and {high}; low must be below high.")
     if scale == "log" and low <= 0:
-        raise ValueError(f"The lower bound of {name!r} is {low}; on a log scale it must be positive.")
+        raise InputError(f"The lower bound of {name!r} is {low}; on a log scale it must be positive.")
 
 
 def _walk(scenes: Any, path: tuple[str, ...]) -> Any:

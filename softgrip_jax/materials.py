@@ -20,6 +20,8 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from .checked import Checked, check_fields, finite, is_concrete, nonzero, positive
+from .errors import InputError
+from .names import listing
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -157,12 +159,12 @@ def _require_true_statements(material: Material) -> None:
     for (what, unit), (stated, found) in zip(words, pairs, strict=True):
         # Written so that NaN counts as a difference. Several numbers are several materials, made for vmap.
         if not np.all(np.abs(stated - found) <= STATED_TOLERANCE * np.abs(found)):
-            raise ValueError(
+            raise InputError(
                 f"{type(material).__name__}.{what} {np.min(stated):.6g} {unit}, but by its energy it is "
                 f"{np.min(found):.6g} {unit}; make them agree, or leave the method out."
             )
     if not np.all(pairs[0][1] > 0):
-        raise ValueError(_not_stiff(material, np.min(pairs[0][1])))
+        raise InputError(_not_stiff(material, np.min(pairs[0][1])))
 
 
 def _not_stiff(material: Material, modulus: Any) -> str:
@@ -198,7 +200,7 @@ def _require_stiff(material: Material) -> None:
     with jax.ensure_compile_time_eval():
         stable, modulus = np.asarray(material.is_stable_at_rest()), np.asarray(material.shear_modulus())
     if not np.all(stable):
-        raise ValueError(_not_stiff(material, np.min(modulus)))
+        raise InputError(_not_stiff(material, np.min(modulus)))
 
 
 class InvariantMaterial(Material):
@@ -306,7 +308,7 @@ class Ogden(Material):
 
     def __check_init__(self) -> None:
         if is_concrete(self.mu, self.alpha) and (self.mu.ndim != 1 or self.mu.shape != self.alpha.shape):
-            raise ValueError(
+            raise InputError(
                 f"Ogden.mu and Ogden.alpha have shapes {jnp.shape(self.mu)} and {jnp.shape(self.alpha)}; "
                 "they must be two lists of the same length."
             )
@@ -343,3 +345,5 @@ PRESETS = {
     "dragon_skin_30": dragon_skin_30,
     "dragon_skin_20_shell": dragon_skin_20_shell,
 }
+
+__dir__ = listing(globals())

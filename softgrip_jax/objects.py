@@ -13,6 +13,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .checked import Checked, is_concrete, nonnegative, positive, to_float_array
+from .errors import InputError
+from .names import listing
 from .numerics.curves import first_crossing, scan_curve
 from .numerics.roots import implicit
 
@@ -41,12 +43,12 @@ class FrictionTable(Friction):
         if not is_concrete(force, coefficient):
             return
         if force.ndim != 1 or force.shape != coefficient.shape:
-            raise ValueError(
+            raise InputError(
                 f"FrictionTable.force and .coefficient have shapes {jnp.shape(force)} and {jnp.shape(coefficient)}; "
                 "they must be two lists of the same length."
             )
         if not np.all(np.diff(np.asarray(force)) > 0):
-            raise ValueError(f"FrictionTable.force is {np.asarray(force).tolist()}; it must increase from row to row.")
+            raise InputError(f"FrictionTable.force is {np.asarray(force).tolist()}; it must increase from row to row.")
 
     def __call__(self, force: Scalar) -> Scalar:
         return jnp.interp(force, self.force, self.coefficient)
@@ -194,3 +196,6 @@ class ThreeFaceCone(Taper):
     def base_radius(self):
         """The inradius of the base, side / (2 sqrt(3))."""
         return self.side / (2 * np.sqrt(3))
+
+
+__dir__ = listing(globals())

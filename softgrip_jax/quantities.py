@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from .errors import InputError
 from .leaves import Scenes
 from .results import Solution, Status, in_units
 from .scene import Scene, limit_pressure, pressure_for, solve
@@ -158,14 +159,14 @@ def kind_of(quantity: Quantity, scenes: Scenes) -> str:
     if quantity.at is None:
         if name == LIMIT_PRESSURE:
             return "pressure"
-        raise ValueError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
+        raise InputError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
     if name in (f"{SHAPE}.x", f"{SHAPE}.y"):
         if quantity.along is None or not 0 <= quantity.along <= 1:
-            raise ValueError(f"{name} needs along, a number from 0 (the clamp) to 1 (the tip).")
+            raise InputError(f"{name} needs along, a number from 0 (the clamp) to 1 (the tip).")
         return "length"
     known = observables_of(scene)
     if name not in known:
-        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
+        raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
     return known[name]
 
 
@@ -174,13 +175,13 @@ def named(quantity: Quantity, scenes: Scenes) -> Quantity:
     if not quantity.scene and len(scenes) == 1:
         quantity = dataclasses.replace(quantity, scene=next(iter(scenes)))
     if quantity.scene not in scenes:
-        raise ValueError(
+        raise InputError(
             f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
         )
     kind_of(quantity, scenes)
     at = quantity.at
     if isinstance(at, str) and at != REQUIRED:
-        raise ValueError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
+        raise InputError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
     return quantity
 
 

@@ -19,6 +19,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import Checked, admissible, batched_field, is_concrete, require, rule_names
+from .errors import InputError
 from .numerics.roots import implicit, with_derivatives_of
 from .plausible import doubts, warn
 from .reasons import BROKEN, Reason
@@ -110,7 +111,7 @@ class Scene(Checked):
 
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
-        raise ValueError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
+        raise InputError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
 
     def prepared(self) -> Scene:
         """The scene with choices made that need known numbers; called outside of jit, before anything else."""
@@ -214,10 +215,10 @@ def _checked(scene: Any) -> Scene:
             "jax.config.update('jax_enable_x64', False) after the import."
         )
     if not isinstance(scene, Scene):
-        raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+        raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
     batched = batched_field(scene)
     if batched is not None:
-        raise ValueError(_several_scenes(scene, *batched))
+        raise InputError(_several_scenes(scene, *batched))
     return scene.prepared()
 
 
@@ -234,7 +235,7 @@ def _one_pressure(pressure: Any) -> Scalar:
     """The pressure of one state, Pa."""
     checked = require("pressure", pressure, "nonnegative", "pressure")
     if checked.ndim:
-        raise ValueError(
+        raise InputError(
             f"pressure has the shape {checked.shape}, and solve takes one number; type sg.path(scene, pressures) for a "
             "curve, or jax.vmap(sg.solve, in_axes=(None, 0))(scene, pressures)."
         )
@@ -297,7 +298,7 @@ def path(scene: Scene, pressures: Any) -> Solution:
     scene = _checked(scene)
     checked = jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure"))
     if checked.ndim > 1:
-        raise ValueError(f"pressures has the shape {checked.shape}; it must be one list of pressures.")
+        raise InputError(f"pressures has the shape {checked.shape}; it must be one list of pressures.")
     _doubt_pressure("the highest of the pressures", pressures, checked)
     return _path(scene, checked)
 
@@ -344,16 +345,16 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
     """What `pressure_for` hands to its program."""
     scene = _checked(scene)
     if len(target) > 1:
-        raise ValueError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
+        raise InputError(f"pressure_for got {len(target)} targets ({', '.join(target)}); one pressure can meet one.")
     name, value = next(iter(target.items())) if target else scene.target()
     if scene.OBSERVABLES.get(name) is None:
         allowed = ", ".join(scene.OBSERVABLES)
-        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
+        raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
     if scene.OBSERVABLES[name] == "position":
-        raise ValueError(f"{name} is a point (x, y); one pressure can meet one number.")
+        raise InputError(f"{name} is a point (x, y); one pressure can meet one number.")
     wanted = require(name, value, "finite", scene.OBSERVABLES[name])
     if wanted.ndim:
-        raise ValueError(
+        raise InputError(
             f"{name} has the shape {wanted.shape}, and pressure_for takes one number; type "
             f"jax.vmap(lambda {name}: sg.pressure_for(scene, {name}={name}))(values)."
         )

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import pydantic
 
 from . import config as configs
-from .errors import ConfigError
+from .errors import ConfigError, located
 from .leaves import Scenes
 from .quantities import LIMIT_PRESSURE, REQUIRED, Quantity, State, observables_of
 from .scene import Scene
@@ -115,10 +115,8 @@ def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:
 def state_of(scene: Scene, key: str, at: Any, where: str) -> State:
     """A state as a config gives it."""
     if at == REQUIRED:
-        try:
+        with located(f"{where}: {key} at 'required'"):
             scene.target()
-        except ValueError as error:
-            raise ConfigError(f"{where}: {key} at 'required': {error}") from None
         return REQUIRED
     kinds = {name: kind for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"}
     keys = {unit_key(name, kind): (name, kind) for name, kind in (kinds | {"pressure": "pressure"}).items()}

@@ -22,20 +22,18 @@ import numpy as np
 import pydantic
 import xarray as xr
 from rich.console import Console
-from rich.table import Table as PrintedTable
 
 from . import config as configs
-from .errors import ConfigError
+from .errors import located
 from .folders import new_folder
 from .leaves import Leaf
+from .progress import stages
 from .quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
 from .results import Status, in_units
 from .sections import Table, Varied, all_numbers, quantity, states_of, varied
 from .study import sensitivity
 from .sweep import ObservableTable
-
-COLUMNS = 4
-"""Quantities in one printed table: as many as a terminal of 80 columns shows."""
+from .tables import Table as PrintedTable
 
 
 class VariableTable(Table):
@@ -78,11 +76,12 @@ def read(config: configs.Config) -> Wanted:
 
 
 def _asked_by_solve(config: configs.Config) -> list[Quantity]:
-    """Every observable in the state that [solve] asks for, and the pressure where it is not what is given."""
+    """What [solve] asks for, and after it whatever else is known of that state: the pressure comes first where it is
+    what `softgrip solve` finds, and is left out where it is given."""
     asked = configs.question(config)
     [(name, value)] = asked.items() or [("", 0.0)]
     at: State = value if name == "pressure" else (name, value) if name else REQUIRED
-    names = [n for n in observables_of(config.scene) if n != name]
+    names = [n for n in dict.fromkeys(["pressure", *observables_of(config.scene)]) if n != name]
     return [Quantity(n, at) for n in names if not (n == LIMIT_MARGIN and at == 0.0)]
 
 
@@ -91,18 +90,16 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
     read_config = configs.load(config)
     wanted = read(read_config)
     with new_folder(out, config.stem) as (folder, final):
-        try:
-            with Console(stderr=True).status("differentiating"):
-                data = sensitivity(
-                    read_config.scenes,
-                    [Leaf(number.name) for number in wanted.numbers],
-                    wanted.quantities,
-                    _per_entry(read_config, wanted),
-                    wanted.samples,
-                    wanted.seed,
-                )
-        except ValueError as error:
-            raise ConfigError(f"{config}, [sensitivity]: {error}") from None
+        with located(f"{config}, [sensitivity]"), stages(console) as tell:
+            data = sensitivity(
+                read_config.scenes,
+                [Leaf(number.name) for number in wanted.numbers],
+                wanted.quantities,
+                _per_entry(read_config, wanted),
+                wanted.samples,
+                wanted.seed,
+                tell,
+            )
         (folder / "config.toml").write_bytes(configs.standalone(config))
         data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
         _write(folder, data)
@@ -149,19 +146,17 @@ def _draw(folder: Path, data: xr.Dataset) -> None:
 def report(data: xr.Dataset, console: Console) -> None:
     """Tables for people."""
     names = [str(name) for name in data["quantity"].values]
-    for start in range(0, len(names), COLUMNS):
-        table = PrintedTable(title="elasticities: % for 1 % of", title_justify="left")
-        table.add_column("", no_wrap=True)
-        for name in names[start : start + COLUMNS]:
-            # Spaces are where a heading may be broken into lines.
-            table.add_column(name.replace("_", " "), justify="right")
-        some = data.isel(quantity=slice(start, start + COLUMNS))
-        values = zip(some["value"].values, some["kind"].values, some["status"].values, strict=True)
-        table.add_row("value", *(in_units(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
-        table.add_section()
-        for by in data["by"].values:
-            table.add_row(str(by), *(_signed(v) for v in some["elasticity"].sel(by=by).values))
-        console.print(table)
+    table = PrintedTable(title="elasticities: % for 1 % of", title_justify="left")
+    table.add_column("")
+    for name in names:
+        # Spaces are where a heading may be broken into lines.
+        table.add_column(name.replace("_", " "), justify="right")
+    values = zip(data["value"].values, data["kind"].values, data["status"].values, strict=True)
+    table.add_row("value", *(in_units(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
+    table.add_section()
+    for by in data["by"].values:
+        table.add_row(str(by), *(_signed(v) for v in data["elasticity"].sel(by=by).values))
+    console.print(table)
     if "share" not in data:
         return
     table = PrintedTable(title="standard deviation from the tolerances", title_justify="left")
@@ -181,8 +176,14 @@ def report(data: xr.Dataset, console: Console) -> None:
     console.print(table)
 
 
+NO_DIGIT = 0.5e-3
+"""Elasticities below this have no digit in the table, and a sign of rounding only."""
+
+
 def _signed(value: Any) -> str:
-    return f"{value:+.3f}" if np.isfinite(value) else "-"
+    if not np.isfinite(value):
+        return "-"
+    return f"{value:+.3f}" if abs(value) >= NO_DIGIT else "0.000"
 
 
 def _number(value: Any, kind: str) -> str:

@@ -18,6 +18,7 @@ import numpy as np
 from . import config as configs
 from . import thesis
 from .checked import wanted
+from .errors import InputError
 from .objects import Friction
 from .pneunet.finger import PRESETS as FINGERS
 from .pneunet.finger import PneuNet
@@ -33,6 +34,8 @@ SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
 """Of constructors, in docstrings; the keys of a config have units of their own."""
 LESS, MORE = 0.7, 1.4
 """Of a number: the range in which a search may move it to begin with."""
+TOLERANCE = 0.02
+"""Of a number: what a mould or a printer may miss it by."""
 COMMENT = 40
 """Column at which comments begin."""
 
@@ -109,7 +112,7 @@ def starter(name: str) -> str:
             "# [solve]",
         ]
         mark = "# "
-    except ValueError:
+    except InputError:
         lines += ["", "[solve]"]
         mark = ""
     lines.append(_line(f"{mark}pressure_kPa = {PRESSURE / kPa:g}", "what is the state at this pressure?"))
@@ -119,7 +122,8 @@ def starter(name: str) -> str:
 
 
 def _searches(scene: Scene, has_task: bool) -> list[str]:
-    """The sections [design] and [sweep] in comments: the first number of the scene moves, from LESS to MORE of it."""
+    """The sections [design], [sweep] and [sensitivity] in comments, of the first number of the scene: it moves from
+    LESS to MORE of itself, and is made to within TOLERANCE of itself."""
     number = configs.leaf(scene, configs.number_keys(scene)[0], "")
     value = float(np.ravel(number.get(scene))[0]) / number.unit
     name = ".".join([*number.names[:-1], unit_key(number.names[-1], number.kind)])
@@ -133,10 +137,15 @@ def _searches(scene: Scene, has_task: bool) -> list[str]:
     design += ["[[design.constraints]]", 'keep = "limit_margin"', f"at = {at}", "low = 1.2"]
     sweep = ["[sweep]", 'method = "grid"', "", "[[sweep.variables]]", f'name = "{name}"', *spread, "points = 21", ""]
     sweep += ["[[sweep.observables]]", f'name = "{"pressure_kPa" if has_task else first}"', f"at = {at}"]
+    matters = ["[sensitivity]", "samples = 10000", "", "[[sensitivity.variables]]", f'name = "{name}"']
+    matters += [f"tolerance = {_decimals(TOLERANCE * value)}", "", "[[sensitivity.observables]]", *sweep[-2:]]
     lines = ["", *_wrapped(words), "#   softgrip design FILE.toml"]
     lines += [f"# {line}".rstrip() for line in design]
     lines += ["", "# Many designs:", "#   softgrip sweep FILE.toml"]
-    return lines + [f"# {line}".rstrip() for line in sweep]
+    lines += [f"# {line}".rstrip() for line in sweep]
+    lines += ["", "# Which numbers matter (all of them, without this section), and what a tolerance up and down does:"]
+    lines += ["#   softgrip sensitivity FILE.toml"]
+    return lines + [f"# {line}".rstrip() for line in matters]
 
 
 def _wrapped(text: str, width: int = 116) -> list[str]:

@@ -28,10 +28,9 @@ import pydantic
 import xarray as xr
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from rich.table import Table as PrintedTable
 
 from . import config as configs
-from .errors import ConfigError
+from .errors import ConfigError, InputError, located
 from .folders import free_name, write_whole
 from .leaves import Leaf
 from .progress import LINE_SECONDS
@@ -40,6 +39,7 @@ from .sections import Table, Varied, quantity, states_of, varied
 from .study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
 from .study import Table as TableOfDesigns
 from .study.dataset import status_name
+from .tables import Table as PrintedTable
 
 
 class VariableTable(Table):
@@ -85,10 +85,8 @@ def read(config: configs.Config) -> tuple[Study, str]:
     for observed in table.observables:
         for name in [observed.name] if isinstance(observed.name, str) else observed.name:
             quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
-    try:
+    with located(where):
         study = Study(config.scenes, [Leaf(v.name) for v in numbers], quantities, designs, table.gradients)
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None
     return study, identity
 
 
@@ -121,7 +119,7 @@ def _spread(table: SweepTable, numbers: list[Varied], where: str) -> Designs:
         low, high = number.checked(variable.low, "low", where), number.checked(variable.high, "high", where)
         try:
             ranges.append(Range(low, high, variable.scale))
-        except ValueError:
+        except InputError:
             raise ConfigError(
                 f"{where}: {number.key} goes from {variable.low:g} to {variable.high:g}; low must be below high, and "
                 "above zero on a log scale."
@@ -156,11 +154,10 @@ def _from_csv(
         for place, number in zip(places, numbers, strict=True):
             cell = line[place].strip() if place < len(line) else ""
             try:
-                row.append(number.checked(float(cell), "the value", spot))
-            except ValueError as error:
-                if isinstance(error, ConfigError):
-                    raise
+                value = float(cell)
+            except ValueError:
                 raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number.") from None
+            row.append(number.checked(value, "the value", spot))
         rows.append(row)
     if not rows:
         raise ConfigError(f"{path} has no rows of designs below its header.")

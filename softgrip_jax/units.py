@@ -9,6 +9,8 @@ Everything inside the package is SI (metre, newton, pascal, radian, kilogram).
 
 import math
 
+from .names import listing
+
 mm = 1e-3
 cm = 1e-2
 m = 1.0
@@ -60,3 +62,7 @@ def unit_key(name: str, kind: str) -> str:
     """A quantity's name with its unit, as keys of configs and columns of tables: 'radius_mm', 'weight_N_per_m'."""
     label = DISPLAY[kind][0].replace("^", "").replace("/", "_per_").replace(" ", "_")
     return f"{name}_{label}" if label else name
+
+
+_NUMBERS = (name for name, value in globals().copy().items() if type(value) is float)
+__dir__ = listing(globals(), "DISPLAY", "SI", *_NUMBERS)

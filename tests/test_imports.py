@@ -9,8 +9,11 @@ from conftest import ROOT
 ORDER = [
     "_version",
     "errors",
+    "names",
+    "cache",
     "folders",
     "progress",
+    "tables",
     "numerics",
     "units",
     "reasons",

@@ -10,7 +10,9 @@ from conftest import ROOT
 from helpers import shell
 
 import softgrip_jax as sg
+from softgrip_jax import config as configs
 from softgrip_jax import plots
+from softgrip_jax import sensitivity as section
 from softgrip_jax.cli import run
 from softgrip_jax.study import sensitivity
 from softgrip_jax.units import kPa, mm
@@ -110,7 +112,64 @@ def test_tolerances_of_a_config_are_in_its_units(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("section", "sentence"),
+    ("question", "first", "is_there"),
+    [
+        ("force_N = 10", "pressure", True),
+        ("pressure_kPa = 15", "force", False),
+        ("contact_area_mm2 = 900", "pressure", True),
+    ],
+)
+def test_what_was_asked_for_comes_first(question, first, is_there, tmp_path):
+    """What `softgrip solve` finds for the same config: the pressure, or where that is given what it does."""
+    text = (ROOT / "configs" / "shell_flat.toml").read_text()
+    config = tmp_path / "config.toml"
+    config.write_text(text.replace("pressure_kPa = 15", question))
+    names = [quantity.observable for quantity in section.read(configs.load(config)).quantities]
+    assert names[0] == first
+    assert names.count("pressure") == is_there
+    assert question.rpartition("_")[0] not in names
+    grasp = section.read(configs.load(ROOT / "configs" / "shell_grasp.toml")).quantities
+    assert grasp[0] == sg.Quantity("pressure", "required")
+
+
+def test_the_shipped_tolerances(tmp_path, capsys):
+    """Without a terminal every stage has a line; Euler's theorem holds for what is written."""
+    out = tmp_path / "out"
+    assert run(["sensitivity", str(ROOT / "configs" / "shell_tolerances.toml"), "--out", str(out)]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "compiling, then differentiating"
+    assert told[1] == "samples of the tolerances: 0 of 2000"
+    assert {path.name for path in out.iterdir()} >= {"tolerances.csv", "elasticities.png", "sensitivity.nc"}
+    with xr.open_dataset(out / "sensitivity.nc", engine="h5netcdf") as data:
+        assert [str(name).split(" at")[0] for name in data["quantity"].values] == [
+            "force",
+            "contact_area",
+            "limit_margin",
+        ]
+        by = data["elasticity"]
+        sums = by.sel(by=["shell.t_m", "shell.a", "distance", "shell.b"]).sum("by").values
+        np.testing.assert_allclose(sums, [2, 2, 0], atol=1e-8)
+        np.testing.assert_allclose(by.sel(by="shell.t_m"), by.sel(by="shell.material.mu"), rtol=1e-8)
+        sampled, gradient = float(data["deviation_by_sampling"][0]), float(data["deviation_by_gradient"][0])
+        assert abs(sampled - gradient) < 5 * float(data["deviation_error"][0]) + 0.05 * gradient
+
+
+def test_what_does_not_matter_has_no_bar(found):
+    """The rounding of a derivative is no elasticity, and gives no axis its scale."""
+    noisy = found.copy(deep=True)
+    noisy["elasticity"].loc[{"quantity": "force at 15 kPa", "by": "shell.b"}] = -3e-16
+    noisy["elasticity"].loc[{"quantity": "flat_length at 15 kPa"}] = [4e-16, -1e-15, 0.0, 2e-15, 1e-16, -2e-16]
+    axes = plots.elasticities(noisy).axes
+    widths = {ax.get_title(loc="left"): sorted(bar.get_width() for bar in ax.patches) for ax in axes}
+    assert widths["force at 15 kPa"].count(0) == 1
+    assert widths["flat_length at 15 kPa"] == [0] * 6
+    (nothing,) = [ax for ax in axes if ax.get_title(loc="left") == "flat_length at 15 kPa"]
+    assert nothing.get_xlim() == (-1, 1)
+    assert [text.get_text() for text in nothing.texts] == ["0"] * 6
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
     [
         ('[[sensitivity.variables]]\nname = "shell.t_m"', "did you mean t_m_mm"),
         ('[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = -1', "greater than 0"),
@@ -118,9 +177,9 @@ def test_tolerances_of_a_config_are_in_its_units(tmp_path, capsys):
         ("[sensitivity]\nsample = 5", "did you mean samples"),
     ],
 )
-def test_mistakes_are_one_sentence(section, sentence, tmp_path, capsys):
+def test_mistakes_are_one_sentence(table, sentence, tmp_path, capsys):
     config = tmp_path / "config.toml"
-    config.write_text((ROOT / "configs" / "shell_free.toml").read_text() + section)
+    config.write_text((ROOT / "configs" / "shell_free.toml").read_text() + table)
     assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr().err
     assert sentence in said

@@ -12,7 +12,7 @@ from conftest import ROOT
 
 from optim import settings as design_settings
 from softgrip_jax import config as configs
-from softgrip_jax import sweep
+from softgrip_jax import sensitivity, sweep
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.scene import Scene
@@ -113,7 +113,7 @@ def test_a_mistake_is_seen_by_schema_and_command(config, old, new, validator, tm
 
 @pytest.mark.parametrize("name", TYPES)
 def test_the_searches_of_a_starter_are_understood(name, tmp_path):
-    """[design] and [sweep] out of their comments."""
+    """[design], [sweep] and [sensitivity] out of their comments."""
     before, after = starter(name).split("\n# Better designs")
     lines = [line[2:] if re.match(r"# (\[|\w+ = )", line) else line for line in after.splitlines()]
     file = tmp_path / "mine.toml"
@@ -124,3 +124,10 @@ def test_the_searches_of_a_starter_are_understood(name, tmp_path):
     assert variable
     study, _ = sweep.read(read)
     assert study.designs.count == 21
+    matters = sensitivity.read(read)
+    assert "sensitivity" in read.tables
+    assert matters.samples == 10_000
+    (number,), (tolerance,) = matters.numbers, matters.tolerances
+    assert number.name == variable.split("[")[0]
+    assert 0 < tolerance < 0.1 * settings.problem.space.high[0]
+    assert len(matters.quantities) == 1

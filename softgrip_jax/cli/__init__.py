@@ -1,7 +1,7 @@
 """The command `softgrip`: thin, everything it does is in the other rooms.
 
 Exit codes: 0, done; 1, the question has no answer (the report says why); 2, a mistake in what was typed or in a file,
-told in one sentence on stderr; 130, stopped by Ctrl-C.
+told in one sentence on stderr; 70, a fault of this package, with Python's lines about it; 130, stopped by Ctrl-C.
 
 The rooms are imported inside the commands, so that `softgrip --help` answers at once.
 """
@@ -9,17 +9,19 @@ The rooms are imported inside the commands, so that `softgrip --help` answers at
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
 import typer
 
-from ..errors import ConfigError
+from ..errors import InputError
 from ..plausible import units_are_stated
 from . import files as files
 from . import programs
 from . import runs as runs
 from . import scenes as scenes
+from .app import FAULT as FAULT
 from .app import MISTAKE as MISTAKE
 from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
@@ -42,7 +44,7 @@ def run(arguments: Sequence[str]) -> int:
     except usage_error as error:
         command = error.ctx.command_path if error.ctx else "softgrip"
         message = f"{error.format_message().rstrip('.')}; see {command} --help."
-    except (ConfigError, OSError) as error:
+    except (InputError, OSError) as error:
         message = str(error)
     except (KeyboardInterrupt, typer.Abort):
         print("stopped.", file=sys.stderr)
@@ -54,6 +56,12 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> NoReturn:
     """Entry point of the console script."""
     programs.settings()
-    with units_are_stated():
-        code = run(sys.argv[1:])
+    try:
+        with units_are_stated():
+            code = run(sys.argv[1:])
+    except Exception:
+        traceback.print_exc()
+        words = "This is a fault of softgrip_jax and not of what was typed: please report it with the lines above."
+        print(words, file=sys.stderr)
+        code = FAULT
     sys.exit(code)

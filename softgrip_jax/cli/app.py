@@ -12,7 +12,7 @@ import typer
 
 from ..errors import ConfigError
 
-NO_ANSWER, MISTAKE, STOPPED = 1, 2, 130
+NO_ANSWER, MISTAKE, FAULT, STOPPED = 1, 2, 70, 130
 
 app = typer.Typer(
     add_completion=True,
@@ -28,7 +28,8 @@ Begin with a config of your own and ask it something; what design and sweep need
 - softgrip design mine.toml
 
 softgrip COMMAND --help tells more, with examples; softgrip --install-completion lets the shell complete.
-Exit codes: 0 done, 1 there is no answer, 2 a mistake in what was typed or in a file, 130 stopped by Ctrl-C.""",
+Exit codes: 0 done, 1 there is no answer, 2 a mistake in what was typed or in a file, 70 a fault of
+softgrip itself, 130 stopped by Ctrl-C.""",
 )
 
 ConfigFile = Annotated[Path, typer.Argument(help="A TOML file with a [scene]; softgrip new writes one.")]

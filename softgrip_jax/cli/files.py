@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from ..errors import ConfigError
+from ..tables import Table
 from .app import app, check_file, write_file
 
 

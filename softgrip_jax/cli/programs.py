@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..cache import FOLDER, LEAST_SECONDS, silence, user_folder
 from .app import write_file
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -33,12 +34,10 @@ def settings() -> None:
     """For Python, XLA and JAX in this process, before JAX is imported; what the user has set for those stays."""
     global _folder
     gc.set_threshold(COLLECTED)
-    own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "softgrip_jax"
-    _folder = Path(os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(own)))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
-    # XLA calls two of its own settings (prefer-no-gather, prefer-no-scatter) CPU features that the machine lacks, in
-    # long lines on stderr, for every program that it takes from the cache; nothing is wrong.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    _folder = user_folder()
+    os.environ.setdefault(FOLDER, str(_folder))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", str(LEAST_SECONDS))
+    silence()
     from jaxlib.version import __version_info__ as version
 
     flags = os.environ.get("XLA_FLAGS", "")

@@ -106,6 +106,8 @@ def sensitivity(
     """Say which numbers of a design matter for what: elasticities, and what manufacturing tolerances do.
 
     - softgrip sensitivity configs/shell_grasp.toml
+
+    - softgrip sensitivity configs/shell_tolerances.toml
     """
     from ..sensitivity import run_sensitivity
 

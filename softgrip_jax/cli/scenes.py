@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from ..errors import ConfigError
+from ..errors import ConfigError, located
 from ..progress import Tell, silent
 from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
 from .programs import kept
@@ -66,17 +66,15 @@ def solve(
     else:
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
     choice = None
-    with Console(stderr=True).status("solving"):
-        try:
-            if allowed is not None:
-                choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
-                solution = choice.solution
-            elif "pressure" in asked:
-                solution = kept(_solve, *to_solve(read.scene, **asked))
-            else:
-                solution = kept(_pressure_for, *to_reach(read.scene, **asked))
-        except ValueError as error:  # what the scene itself cannot take as a question
-            raise ConfigError(f"{config}, [solve]: {error}") from None
+    # A scene itself may not take what is asked as a question.
+    with Console(stderr=True).status("solving"), located(f"{config}, [solve]"):
+        if allowed is not None:
+            choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
+            solution = choice.solution
+        elif "pressure" in asked:
+            solution = kept(_solve, *to_solve(read.scene, **asked))
+        else:
+            solution = kept(_pressure_for, *to_reach(read.scene, **asked))
     if as_json:
         chosen = {"fidelity": choice.as_data()} if choice is not None else {}
         typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
@@ -91,10 +89,8 @@ def solve(
     if plot is not None:
         from ..plots import draw
 
-        try:
+        with located("--plot"):  # a scene that nothing is drawn of
             picture = draw(solution)
-        except ValueError as error:  # a scene that nothing is drawn of
-            raise ConfigError(f"--plot: {error}") from None
         write_file(plot, picture.savefig)
 
 
@@ -324,12 +320,11 @@ def _plain(value: Any) -> Any:
 
 def report(solution: Solution, console: Console, given_pressure: bool = True) -> None:
     """The state as a table for people; at a given pressure with what a gripper could hold at most."""
-    from rich.table import Table
-
     from .. import pneunet
     from ..config import type_name
     from ..results import Status, in_units
     from ..scene import limit_pressure
+    from ..tables import Table
 
     table = Table(title=type_name(type(solution.scene)), show_header=False, title_justify="left")
     table.add_column(no_wrap=True)

@@ -3,6 +3,7 @@
 Lengths in mm, pressures in kPa.
 """
 
+from ..names import listing as _listing
 from . import chamber as chamber
 from . import energy as energy
 from . import finger as finger
@@ -25,3 +26,5 @@ from .fits import measured_and_fitted as measured_and_fitted
 from .study import elasticities as elasticities
 from .study import front as front
 from .study import study as study
+
+__dir__ = _listing(globals())

@@ -14,6 +14,7 @@ from matplotlib.animation import PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from ..errors import InputError
 from ..results import Solution, Status
 from ..scene import Scene, path
 from .figures import STYLE, WIDTH, look, pressure_text
@@ -43,7 +44,7 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
     good = np.flatnonzero(np.asarray(states.status) == Status.OK)
     if good.size == 0:
         status = Status(int(states.status[0]))
-        raise ValueError(f"There is no state to draw at any of the {len(pressures)} pressures: {status.message}.")
+        raise InputError(f"There is no state to draw at any of the {len(pressures)} pressures: {status.message}.")
     kept = jax.tree.map(lambda x: x[good], states)
     has_shape = type(scene).profile is not Scene.profile
     shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept) if has_shape else {}

@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from ..errors import InputError
 from ..results import Solution, Status
 from ..scene import Scene, branch, limit_pressure
 from ..units import DISPLAY, kPa
@@ -132,7 +133,7 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
     known = scene.prepared().OBSERVABLES
     name = observable or next(iter(known))
     if name not in known:
-        raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
+        raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
     curve, limit = branch(scene), float(limit_pressure(scene))
     unit_label, unit = DISPLAY[known[name]]
     good = np.asarray(curve.status) == Status.OK
@@ -210,13 +211,13 @@ def pressure_text(solution: Solution) -> str:
 def look(solution: Solution) -> Look:
     """Who paints a solution, or a ValueError that says why nobody can."""
     if np.ndim(solution.status):
-        raise ValueError("This solution is a batch; draw one scene of it.")
+        raise InputError("This solution is a batch; draw one scene of it.")
     if int(solution.status) != Status.OK:
-        raise ValueError(f"There is no state to draw: {Status(int(solution.status)).message}.")
+        raise InputError(f"There is no state to draw: {Status(int(solution.status)).message}.")
     for cls in type(solution.scene).__mro__:
         if cls in _PAINTERS:
             return _PAINTERS[cls]
-    raise ValueError(f"There is no picture of a {type(solution.scene).__name__} yet.")
+    raise InputError(f"There is no picture of a {type(solution.scene).__name__} yet.")
 
 
 def _with_unit(name: str, unit: str) -> str:

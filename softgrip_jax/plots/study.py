@@ -15,6 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from ..errors import InputError
 from ..results import Status
 from ..units import DISPLAY
 from .figures import BLUE, GREEN, ORANGE, STYLE, VERMILION, WIDTH
@@ -39,7 +40,7 @@ def study(data: xr.Dataset) -> Figure:
     axes = [str(name) for name, size in sizes.items() if size > 1]
     data = data.isel({name: 0 for name in sizes if name not in axes})
     if len(axes) not in (1, 2):
-        raise ValueError(f"A picture shows one or two varied numbers; this study is a grid over {len(axes)}.")
+        raise InputError(f"A picture shows one or two varied numbers; this study is a grid over {len(axes)}.")
     if len(axes) == 2:
         return _figure(len(names), lambda k, ax: _map(data, names[k], axes, ax))
     groups: dict[str, list[str]] = {}
@@ -150,6 +151,10 @@ def _map(data: xr.Dataset, name: str, axes: Sequence[str], ax: Axes) -> None:
         )
 
 
+NOTHING = 1e-6
+"""Elasticities below this are the rounding of derivatives: a number that does not matter gets no bar."""
+
+
 def elasticities(data: xr.Dataset) -> Figure:
     """Bars of the elasticities of a sensitivity analysis: a panel per quantity, the strongest number on top."""
     quantities = [str(v) for v in data["quantity"].values]
@@ -162,12 +167,16 @@ def elasticities(data: xr.Dataset) -> Figure:
         grid = figure.subplots(rows, columns, squeeze=False)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
             values = np.nan_to_num(np.asarray(data["elasticity"].sel(quantity=quantity)))
+            values = np.where(np.abs(values) < NOTHING, 0.0, values)
             order = np.argsort(np.abs(values), kind="stable")
             colours = [BLUE if v >= 0 else VERMILION for v in values[order]]
             ax.barh([numbers[k] for k in order], values[order], color=colours, height=0.7)
             ax.axvline(0, color="black", linewidth=0.8)
             ax.margins(x=0.22)
-            ax.bar_label(ax.containers[0], fmt="%+.2f", padding=2, fontsize=7)  # type: ignore[arg-type]
+            labels = [f"{v:+.2f}" if v else "0" for v in values[order]]
+            ax.bar_label(ax.containers[0], labels=labels, padding=2, fontsize=7)  # type: ignore[arg-type]
+            if not values.any():
+                ax.set_xlim(-1, 1)  # nothing matters: an axis of its own choice would show a scale of nothing
             ax.set_title(quantity, loc="left")
         for ax in grid.ravel()[len(quantities) :]:
             ax.set_axis_off()

@@ -1,5 +1,6 @@
 """The pneu-net finger: chambers, cover, and the scenes of a finger and of a gripper of n fingers."""
 
+from ..names import listing as _listing
 from .chamber import Chamber as Chamber
 from .chamber import SmallStrainChamber as SmallStrainChamber
 from .chamber import chamber as chamber
@@ -13,3 +14,5 @@ from .grasp import largest_mass as largest_mass
 from .linear import Linear as Linear
 from .scenes import Free as Free
 from .scenes import TipContact as TipContact
+
+__dir__ = _listing(globals())

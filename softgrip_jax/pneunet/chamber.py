@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
+from ..errors import InputError
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.once import differentiated_once
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed
@@ -135,7 +136,7 @@ class Chamber(CurveScene):
 def _one_chamber(scene: Any) -> Any:
     """The scene itself, unless its finger has chambers of several kinds (when asked: a batch of scenes may be made)."""
     if scene.finger.segments is not None:
-        raise ValueError(
+        raise InputError(
             f"{type(scene).__name__} is one chamber and its finger has lists; give one number each, or ask "
             "pneunet.chamber(finger, pressure) for all."
         )
@@ -214,9 +215,9 @@ def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0, model: str =
     the Solution is a batch, one lane per segment (inclination: one for all, or one per segment).
     """
     if model not in ("finite", "small"):
-        raise ValueError(f"model is {model!r}; it must be 'finite' or 'small'.")
+        raise InputError(f"model is {model!r}; it must be 'finite' or 'small'.")
     if model == "small" and not (is_concrete(to_float_array(inclination)) and jnp.all(inclination == 0)):
-        raise ValueError("The small-strain chamber knows no inclination: it must be 0.")
+        raise InputError("The small-strain chamber knows no inclination: it must be 0.")
 
     def one(finger, inclination):
         return solve(SmallStrainChamber(finger) if model == "small" else Chamber(finger, inclination), pressure)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..checked import Checked, is_concrete, nonnegative, part, positive
+from ..errors import InputError
 from ..materials import Material, dragon_skin_20, dragon_skin_30
 from ..units import mm
 
@@ -62,7 +63,7 @@ class PneuNet(Checked):
         shapes = {name: jnp.shape(getattr(self, name)) for name in SEGMENT_FIELDS if is_concrete(getattr(self, name))}
         lengths = {shape for shape in shapes.values() if shape}
         if len(lengths) > 1 or any(len(shape) > 1 for shape in lengths):
-            raise ValueError(
+            raise InputError(
                 f"PneuNet has fields of shapes {shapes}; each must be a number, or an array with one value per segment."
             )
 
@@ -70,7 +71,7 @@ class PneuNet(Checked):
     def table_5_1(cls, kind: str, L: Any = 77 * mm) -> PneuNet:
         """A finger of thesis table 5.1: kind "A", "B", "C" or "D"; L: length of the cover, m."""
         if kind not in TABLE_5_1:
-            raise ValueError(f"kind is {kind!r}; it must be one of {', '.join(map(repr, TABLE_5_1))}.")
+            raise InputError(f"kind is {kind!r}; it must be one of {', '.join(map(repr, TABLE_5_1))}.")
         geometry, material = TABLE_5_1[kind]
         return cls(a=5 * mm, b=8 * mm, **geometry, H=5 * mm, B=20 * mm, L=L, material=material())
 

@@ -17,6 +17,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import is_concrete, to_float_array
+from ..errors import InputError
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
 from ..path_scene import LATER, PathScene, Span
@@ -342,7 +343,7 @@ def shooting_error(solution: Solution) -> Scalar:
     """
     scene = solution.scene
     if not isinstance(scene, FingerScene) or scene.is_arcs():
-        raise ValueError(
+        raise InputError(
             f"shooting_error needs the solution of a finger that bends as a beam, not {type(scene).__name__}."
         )
     error = _shooting_error(scene, solution.unknowns, solution.pressure)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checked import Checked, choice, count, finite, is_concrete, part, positive, vector
+from ..errors import InputError
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit
 from ..objects import Object, friction_force, required_normal_force
@@ -34,7 +35,7 @@ class Gripper(Checked):
 
     def __check_init__(self) -> None:
         if not isinstance(self.n, int) or isinstance(self.n, bool) or self.n < 2:
-            raise ValueError(f"Gripper.n is {self.n!r}; it must be a whole number, 2 or more.")
+            raise InputError(f"Gripper.n is {self.n!r}; it must be a whole number, 2 or more.")
 
     def placed(self, x: Float[Array, " m"], y: Float[Array, " m"]) -> Float[Array, "n m 3"]:
         """A finger's line (x, y) for every finger in global coordinates: Z along the fingers, origin in the base."""
@@ -86,7 +87,7 @@ class Grasp(HeldTip):
 
     def __check_init__(self) -> None:
         if self.object.tapers and self.tip_offset is None and self.stand_distance is None:
-            raise ValueError(
+            raise InputError(
                 f"Grasp.stand_distance is missing: the radius of a {type(self.object).__name__} depends on the height "
                 "of the tip, so give stand_distance, or tip_offset itself."
             )
@@ -112,7 +113,7 @@ class Grasp(HeldTip):
     def target(self):
         mass = self.object.mass
         if is_concrete(mass) and not np.all(np.asarray(mass) > 0):
-            raise ValueError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
+            raise InputError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
     def measured(self, unknowns, share, pressure):

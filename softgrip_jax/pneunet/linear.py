@@ -6,6 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from ..errors import InputError
 from .chamber import PLATE_END, SmallStrainChamber
 from .finger import SEGMENT_FIELDS
 
@@ -32,7 +33,7 @@ class Linear(SmallStrainChamber):
 
     def __check_init__(self) -> None:
         if self.finger.segments is not None:
-            raise ValueError(
+            raise InputError(
                 f"Linear.finger has {self.finger.segments} segments ({', '.join(SEGMENT_FIELDS)} as arrays); a finger "
                 "of constant curvature is uniform."
             )

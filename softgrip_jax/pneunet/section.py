@@ -19,6 +19,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..errors import InputError
 from ..materials import Material
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed, solve_small
 from ..results import gate
@@ -467,7 +468,7 @@ def section_law(name: str, material: Material) -> SectionLaw:
     if name == "inextensible":
         return Inextensible()
     if name != "exact":
-        raise ValueError(f"section is {name!r}; it must be one of {', '.join(map(repr, LAWS))}.")
+        raise InputError(f"section is {name!r}; it must be one of {', '.join(map(repr, LAWS))}.")
     return ExactNeoHookean() if material.closed_forms().neo_hookean_in_plane_strain else ExactQuadrature(material)
 
 

@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
 from ..folders import new_folder, write_whole
 from ..progress import stages
+from ..tables import Table
 from .rows import Row, Verdict
 
 PAGE = "reproduction.md"
@@ -92,10 +92,9 @@ def report(rows: Sequence[Row], console: Console) -> None:
     for name in ("source", "what", "printed", "ours", "deviation", "verdict"):
         table.add_column(name, overflow="fold")
     for row in rows:
-        cells = [escape(text) for text in row[:5]]
-        table.add_row(*cells, row.verdict.value, style=STYLES[row.verdict])
+        table.add_row(*row[:5], row.verdict.value, style=STYLES[row.verdict])
         if row.reason:
-            table.add_row("", f"[dim]{escape(row.reason)}[/dim]")
+            table.add_row("", Text(row.reason, style="dim"))
     console.print(table)
     console.print(count_text(rows), soft_wrap=True)
 

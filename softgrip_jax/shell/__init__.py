@@ -1,5 +1,6 @@
 """The flat shell actuator and its scenes."""
 
+from ..names import listing as _listing
 from . import obstacles as obstacles
 from .cylinder import AxialOffset as AxialOffset
 from .cylinder import CylinderContact as CylinderContact
@@ -12,3 +13,5 @@ from .grasp import Grasp as Grasp
 from .grasp import smallest_object as smallest_object
 from .grasp import tilt_moment as tilt_moment
 from .obstacle_contact import ObstacleContact as ObstacleContact
+
+__dir__ = _listing(globals(), "obstacles")

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
+from ..errors import InputError
 from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
@@ -39,7 +40,7 @@ class FlatShell(Checked):
     def __check_init__(self) -> None:
         # In NumPy: under jit JAX would trace even known numbers.
         if is_concrete(self.a, self.b) and np.any(np.asarray(self.b) < np.asarray(self.a)):
-            raise ValueError(
+            raise InputError(
                 f"FlatShell.b is {float(np.min(self.b)):.6g}; it must be at least a ({float(np.max(self.a)):.6g} m): "
                 "a is half of the smaller side."
             )
@@ -65,7 +66,7 @@ class ShellScene(CurveScene):
 
     def __check_init__(self) -> None:
         if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:
-            raise ValueError(f"{type(self).__name__}.model is 'energy'; there is only 'arc' for this scene.")
+            raise InputError(f"{type(self).__name__}.model is 'energy'; there is only 'arc' for this scene.")
 
     def energy_scene(self) -> Scene:
         """The same scene with the energy membrane."""

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..checked import choice, is_concrete, nonnegative
+from ..errors import InputError
 from ..objects import friction, friction_coefficient, friction_force, required_normal_force
 from ..scene import Scene
 from ..units import GRAVITY
@@ -70,9 +71,9 @@ class Grasp(CylinderContact):
 
     def __check_init__(self) -> None:
         if not isinstance(self.fingers, int) or self.fingers < 1:
-            raise ValueError(f"Grasp.fingers is {self.fingers!r}; it must be a whole number, 1 or more.")
+            raise InputError(f"Grasp.fingers is {self.fingers!r}; it must be a whole number, 1 or more.")
         if self.model == "energy" and self.lever != "exact":
-            raise ValueError(f"Grasp.lever is {self.lever!r}; with model 'energy' there is only 'exact'.")
+            raise InputError(f"Grasp.lever is {self.lever!r}; with model 'energy' there is only 'exact'.")
 
     def energy_scene(self) -> Scene:
         rod = Cylinder(self.radius, self.gap)
@@ -144,7 +145,7 @@ def holding(grasp: Grasp | EnergyGrasp, force: Scalar, resistance: Scalar) -> di
 
 def _target(mass: Scalar) -> tuple[str, Scalar]:
     if is_concrete(mass) and not np.all(np.asarray(mass) > 0):
-        raise ValueError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
+        raise InputError("pressure_for(Grasp) needs Grasp.mass > 0, or a target such as force=2.0 (in N).")
     return "security", jnp.ones_like(mass)
 
 

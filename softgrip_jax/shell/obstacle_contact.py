@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checked import choice, is_concrete, part
+from ..errors import InputError
 from .basis import Grid
 from .energy_maps import shape_observables
 from .energy_scene import EnergyScene, Vector
@@ -107,7 +108,7 @@ class ObstacleContact(EnergyScene):
             broken = self.broken_symmetry()
         if float(broken) > SYMMETRIC:
             name = type(self).__name__
-            raise ValueError(
+            raise InputError(
                 f"{name}.symmetry is {self.symmetry!r}, but the object is not the same on both sides: its distance "
                 f"differs by {float(broken * self.shell.a):.3g} m; use 'auto' or 'none'."
             )

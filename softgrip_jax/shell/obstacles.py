@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..checked import Checked, finite, positive
+from ..names import listing
 
 Scalar = Float[Array, ""]
 Place = Float[Array, "3"]
@@ -123,3 +124,6 @@ class Shape(Obstacle):
 
     def distance(self, place):
         return self.function(place, self.parameters)
+
+
+__dir__ = listing(globals())

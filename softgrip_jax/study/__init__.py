@@ -5,6 +5,7 @@
 >>> data = sg.load_study("runs/sweep-001")    # the result of `softgrip sweep`
 """
 
+from ..names import listing as _listing
 from .dataset import labelled as labelled
 from .designs import Designs as Designs
 from .designs import Grid as Grid
@@ -16,3 +17,5 @@ from .folder import load_study as load_study
 from .folder import run_in as run_in
 from .sensitivity import sensitivity as sensitivity
 from .study import Study as Study
+
+__dir__ = _listing(globals())

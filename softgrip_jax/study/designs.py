@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import qmc
 
+from ..errors import InputError
 from ..leaves import SCALES, between, require_range
 
 
@@ -51,7 +52,7 @@ class Grid(Designs):
     def __init__(self, axes: Sequence[np.ndarray]):
         self.axes = [np.asarray(axis, dtype=float) for axis in axes]
         if not self.axes or any(axis.ndim != 1 or axis.size == 0 for axis in self.axes):
-            raise ValueError("A grid needs a list of values for every variable.")
+            raise InputError("A grid needs a list of values for every variable.")
         self.shape, self.columns = tuple(axis.size for axis in self.axes), len(self.axes)
 
     def rows(self, start, stop):
@@ -64,7 +65,7 @@ class Samples(Designs):
 
     def __init__(self, ranges: Sequence[Range], count: int, seed: int = 0):
         if count < 1:
-            raise ValueError(f"The number of samples is {count}; it must be 1 or more.")
+            raise InputError(f"The number of samples is {count}; it must be 1 or more.")
         self.ranges, self.seed = list(ranges), seed
         self.shape, self.columns = (count,), len(self.ranges)
 
@@ -110,7 +111,7 @@ class Table(Designs):
     def __init__(self, values: np.ndarray):
         self.values = np.atleast_2d(np.asarray(values, dtype=float))
         if self.values.size == 0:
-            raise ValueError("The table of designs is empty.")
+            raise InputError("The table of designs is empty.")
         self.shape, self.columns = (len(self.values),), self.values.shape[1]
 
     def rows(self, start, stop):

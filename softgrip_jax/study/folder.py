@@ -101,7 +101,7 @@ def _read_manifest(folder: Path) -> dict[str, Any] | None:
         if folder.exists() and any(path.name != CHUNKS and not path.name.startswith(".") for path in folder.iterdir()):
             raise ConfigError(f"{folder} exists already and holds no study; give --out a new name.") from None
         return None
-    except ValueError:
+    except (json.JSONDecodeError, UnicodeDecodeError):
         raise ConfigError(f"{folder / MANIFEST} is not readable; give --out a new name.") from None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ..leaves import Leaf, Leaves, Named, Scenes
+from ..progress import Tell, silent
 from ..quantities import Quantity
 from ..results import Status
 from ..units import SI
@@ -23,6 +24,7 @@ def sensitivity(
     tolerances: Sequence[float | None] = (),
     samples: int = 10_000,
     seed: int = 0,
+    report: Tell = silent,
 ) -> xr.Dataset:
     """Elasticities, and where tolerances are given what they do, as a labelled Dataset.
 
@@ -37,10 +39,12 @@ def sensitivity(
 
     Args:
         tolerances: in SI, one per entry of the leaves; None where the number is exact.
+        report: told of every stage, and of how many samples are done.
     """
     numbers = Leaves(scenes, [Leaf(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
     reference = numbers.reference
     study = Study(scenes, leaves, quantities, Table(reference), gradients=True)
+    report("compiling, then differentiating")
     found = study.measured_alone(reference)
     values, slopes = found["values"], found["slopes"]
     statuses = found["statuses"][study.asked.state_of]
@@ -64,13 +68,17 @@ def sensitivity(
         widths = np.array([t or 0.0 for t in tolerances])
         coords["tolerance"] = ("by", widths)
         drawn = reference + widths * np.random.default_rng(seed).uniform(-1, 1, (samples, numbers.size))
-        data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, widths)
+        data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, widths, report)
     return xr.Dataset(data, coords)
 
 
-def _spread(study: Study, slopes: np.ndarray, widths: np.ndarray) -> dict[str, Any]:
+def _spread(study: Study, slopes: np.ndarray, widths: np.ndarray, report: Tell) -> dict[str, Any]:
     variances = (slopes * widths) ** 2 / 3
-    parts = [part for _, part in study.parts()]
+    parts = []
+    report("samples of the tolerances", 0, study.designs.count)
+    for k, part in study.parts():
+        parts.append(part)
+        report("samples of the tolerances", min((k + 1) * study.chunk, study.designs.count), study.designs.count)
     seen = np.concatenate([part["values"] for part in parts])
     answered = np.concatenate([part["statuses"] for part in parts])[:, study.asked.state_of] == Status.OK
     answered &= np.isfinite(seen)

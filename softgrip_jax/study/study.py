@@ -13,6 +13,7 @@ import xarray as xr
 from jax import lax
 from jaxtyping import Array, Float
 
+from ..errors import InputError
 from ..leaves import Leaf, Leaves, Named, Scenes
 from ..quantities import Asked, Quantity
 from ..scene import Scene
@@ -48,10 +49,10 @@ class Study:
         scenes = {"scene": scenes} if isinstance(scenes, Scene) else scenes
         self.leaves = Leaves(scenes, [Leaf(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
         if not quantities:
-            raise ValueError("There is no observable; say what to compute of every design.")
+            raise InputError("There is no observable; say what to compute of every design.")
         self.asked, self.designs, self.gradients = Asked(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
-            raise ValueError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
+            raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
         self.chunk = min(CHUNK, -(-designs.count // BATCH) * BATCH)
         """Designs per call; small studies do not pay for a full one."""
 
