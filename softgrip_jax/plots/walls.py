@@ -22,7 +22,7 @@ from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 ARC_POINTS = 60
 """On each arc of a wall."""
 GRID = 1024
-"""Angles among which the one of a pressure is interpolated: right to a millionth."""
+"""Angles among which the one of a pressure is interpolated: right to a few hundred-thousandths."""
 INNER_POINTS = 81
 """On the inner face of a wall."""
 FLAT = 1e-12

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import jax
@@ -112,7 +111,6 @@ def branch(scene: EnergyScene, n: int) -> Solution:
             touched = jnp.any(fixed.split(unknowns)[1] > 0)
             status = jnp.where(alive & ~touched, Status.NO_CONTACT, status)
         found = fixed.settled(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
-        # One scene for all points.
-        return dataclasses.replace(fixed._report(unknowns, load * fixed.unit(), found), scene=fixed)
+        return fixed._report(unknowns, load * fixed.unit(), found)
 
-    return jax.vmap(report, out_axes=Solution(None, 0, 0, 0, 0, 0, 0, 0, 0, 0))(points, loads, alive)  # type: ignore[arg-type]
+    return jax.vmap(report)(points, loads, alive)
