@@ -78,8 +78,8 @@ def inflation() -> None:
     animate(thesis.cylinder_contact(), np.linspace(2.4, 20, 30) * kPa, IMAGES / "inflation.gif")
 
 
-def gallery() -> None:
-    """Every kind of picture, as docs/gallery.md shows them."""
+def gallery_scenes() -> None:
+    """Pictures of scenes, as docs/gallery.md shows them."""
     shell, finger = thesis.shell(), sg.PneuNet.table_5_1("A")
     gripper = sg.pneunet.Gripper(finger, n=3, base_radius=19.61 * mm)
     rubber = {"friction": 0.96}
@@ -103,6 +103,10 @@ def gallery() -> None:
     curve = plots.pressure_curve(sg.shell.Free(shell)).figure
     assert isinstance(curve, Figure)
     curve.savefig(IMAGES / "gallery_limit.png", dpi=GALLERY_DPI)
+
+
+def gallery_runs() -> None:
+    """Pictures of studies, searches and calibrations, as docs/gallery.md shows them."""
     grasp = thesis.shell_grasp(mass=563 * gram, friction=0.96)
     quantities = [sg.Quantity("pressure", at="required"), sg.Quantity("limit_margin", at="required")]
     designs = Grid([Range(8 * mm, 24 * mm).points(49), Range(0.5 * mm, 2 * mm).points(46)])
@@ -126,7 +130,8 @@ MAKE = {
     "shell_grasp": shell_grasp,
     "reproduction": reproduction,
     "inflation": inflation,
-    "gallery": gallery,
+    "gallery_scenes": gallery_scenes,
+    "gallery_runs": gallery_runs,
 }
 
 if __name__ == "__main__":

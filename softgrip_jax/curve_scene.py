@@ -13,9 +13,15 @@ from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_
 from .numerics.roots import implicit
 from .reasons import Reason
 from .results import Status, gate
-from .scene import Found, Scene, frozen
+from .scene import FALLEN, WITHOUT_LIMIT, Found, Scene, frozen
 
 Scalar = Float[Array, ""]
+
+
+BRANCH_CELLS = 512
+"""The end of a drawn branch is one of as many places, and with them right to a line's width."""
+BEFORE_END = 1e-6
+"""The end of the interval itself may be singular (a flat membrane turned inside out): a branch stops so much before."""
 
 
 class Approach(NamedTuple):
@@ -246,17 +252,50 @@ class CurveScene(Scene):
         no_answer = jnp.where(status == Status.NO_CONTACT, begins, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
 
-    def branch(self, n):
-        start, end = self.interval()
+    def largest_angle(self) -> Scalar:
+        """The angle at which the scene is as large as anybody would draw it; the end of the interval may come first."""
+        return jnp.full_like(self.interval()[1], jnp.inf)
 
-        def at(fraction):
-            angle = start + fraction * (end - start)
+    def branch_end(self, climb: Climb, stop: Scalar) -> Scalar:
+        """The angle where a drawn branch ends, see `sg.branch`; values only. stop: where the pressure is the limit."""
+        scan, first = climb.scan, climb.scan.x[0]
+        latest = jnp.minimum(first + (1 - BEFORE_END) * (climb.end - first), self.largest_angle())
+
+        def before(wanted, begin):
+            """The last of the angles from `begin` to `latest` in front of the first whose load is `wanted`."""
+            angles = begin + jnp.maximum(latest - begin, 0) * jnp.linspace(0.0, 1.0, BRANCH_CELLS + 1)
+            is_wanted = wanted(jax.vmap(self.load)(angles))
+            place = jnp.where(jnp.any(is_wanted), jnp.argmax(is_wanted) - 1, BRANCH_CELLS)
+            return angles[jnp.maximum(place, 0)]
+
+        limit = self.load(stop)
+
+        def is_over(loads):
+            fell = jnp.cumsum(loads < limit) > 0
+            return ~jnp.isfinite(loads) | (loads < FALLEN * limit) | (fell & (loads > limit))
+
+        most = WITHOUT_LIMIT * self.pressure_scale()
+        endless = before(lambda loads: ~(loads <= most), first)
+        end = jnp.where(self.unbounded(), jnp.minimum(endless, latest), latest)
+        return jnp.where(scan.falls, before(is_over, stop), end)
+
+    def branch(self, n):
+        fixed = frozen(self)
+        climb = fixed.climb()
+        stop = fixed.stop(climb)
+        start = self.interval()[0]
+        angles = start + (fixed.branch_end(climb, stop) - start) * jnp.linspace(0.0, 1.0, n)
+        # The limit is one of the points, where the branch goes through it.
+        nearest = jnp.argmin(jnp.abs(angles - stop))
+        angles = jnp.where(climb.scan.falls & (jnp.arange(n) == nearest), stop, angles)
+
+        def at(angle):
             pressure = self.load(angle)
             status = jnp.where(jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
+            status = jnp.where(climb.possible, status, Status.IMPOSSIBLE)
             return self._report(angle, pressure, self.settled(Found(angle, pressure, status, jnp.asarray(0))))
 
-        # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
-        return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))
+        return jax.vmap(at)(angles)
 
 
 def _at_peak(scene: CurveScene, angle: Scalar) -> Scalar:

@@ -15,12 +15,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .numerics.paths import FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
 from .numerics.roots import implicit
 from .results import Status, gate
-from .scene import Found, Scene, frozen
+from .scene import FALLEN, Found, Scene, frozen
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -211,22 +211,65 @@ class PathScene(Scene):
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 
     def branch(self, n):
-        """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point."""
+        """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point.
+
+        The path is followed twice: to see where it turns and where it is to end, and once more with the limit point on
+        one of the points.
+        """
         span = self.pressure_span()
         loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
+        begun = self._begun(loaded.at[-1].set(span.loading), span)
+        # A coarse curve is a part of one that is fine enough to see where it turns.
+        finer = -(-BRANCH_POINTS // (n - 1))
 
         def along(u):
             return _measured(self, u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
 
-        points, trusted = trace(along, self._begun(loaded.at[-1].set(span.loading), span), BRANCH_LENGTH / n, n)
+        def follow_it(step, _):
+            points, trusted = trace(along, begun, step, finer * (n - 1) + 1)
+            pressures = jax.vmap(span.pressure_at)(points)
+            fold, end = branch_marks(points[:, -1], pressures, trusted & (points[:, -1] <= span.last()))
+            cells = jnp.ceil((n - 1) * fold / end)
+            whole = jnp.where(fold < end, fold / jnp.maximum(cells, 1), end / (n - 1))
+            return step * whole / finer, (points, trusted)
+
+        first = jnp.asarray(BRANCH_LENGTH / (finer * (n - 1)))
+        _, (points, trusted) = lax.scan(follow_it, first, length=2)
 
         def report(u, trusted):
             good = trusted & (status == Status.OK) & (u[-1] >= span.loading)
             state = jnp.where(good, Status.OK, Status.NOT_CONVERGED)
+            state = jnp.where(good & (u[-1] > span.last()), Status.BEYOND_LIMIT, state)
             pressure = span.pressure_at(u)
             return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
-        return jax.vmap(report)(points, trusted)
+        return jax.vmap(report)(points[-1, ::finer], trusted[-1, ::finer])
+
+
+def branch_marks(
+    place: Float[Array, " k"], pressure: Float[Array, " k"], good: Bool[Array, " k"]
+) -> tuple[Scalar, Scalar]:
+    """Where a branch turns and where it is to end, in steps of its points; it does not turn where both are the same.
+
+    It turns at the top of the parabola through the three points around the first that is higher than the next. It ends
+    with the last `good` point; behind the turn, too, where the pressure is FALLEN times that of the turn, or where it
+    rises again, for what is stable then is for a beam not to be seen from the curve.
+    """
+    index = jnp.arange(place.shape[0])
+    gone = jnp.cumsum(~good) > 0
+    rise = jnp.diff(place, append=place[-1:])
+    turns = (rise < 0) & ~gone & ~jnp.roll(gone, -1)
+    turned = jnp.any(turns) & (jnp.argmax(turns) > 0)
+    top = jnp.where(turned, jnp.argmax(turns), index[-1])
+    behind = index > top
+    over = gone | (behind & ((pressure < FALLEN * pressure[top]) | (jnp.roll(rise, 1) > 0)))
+    last = jnp.where(jnp.any(over), jnp.maximum(jnp.argmax(over) - 1, 1), index[-1])
+    middle = jnp.clip(top, 1, index[-1] - 1)
+    low, high, after = place[middle - 1], place[middle], place[middle + 1]
+    bend = low - 2 * high + after
+    fold = middle + 0.5 * (low - after) / jnp.where(bend == 0, 1.0, bend)
+    end = last.astype(fold.dtype)
+    return jnp.where(turned & (fold < end), fold, end), end
 
 
 @jax.jit
@@ -241,4 +284,6 @@ def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
 
 
 BRANCH_LENGTH = 50.0
-"""Arc length of a drawn branch in scaled units: through the fold and down to where the finger curls up."""
+"""Arc length of a drawn branch in scaled units at most: through the fold and down to where the finger curls up."""
+BRANCH_POINTS = 100
+"""At least as many are needed to see where a branch turns and ends."""

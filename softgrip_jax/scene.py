@@ -31,6 +31,14 @@ RESIDUAL_EPS = 4096
 """A root counts as found when its scaled residual is under RESIDUAL_EPS machine epsilons: 9e-13 in float64."""
 
 
+FALLEN = 0.5
+"""A branch is followed behind its limit until the pressure has fallen to this part of the limit: far enough to see the
+limit as one, and not to where a membrane at almost no pressure is kilometres wide."""
+WITHOUT_LIMIT = 20.0
+"""Where the pressure grows without bound a branch is followed to this many times mu t_m / a: the largest limit of a
+design of the thesis is 17 (the wall of a chamber of type A, 516 kPa)."""
+
+
 class Found(NamedTuple):
     """A point of equilibrium as the numerics return it: values only, no derivatives."""
 
@@ -307,7 +315,11 @@ def branch(scene: Scene, n: int = 200) -> Solution:
     """The equilibrium curve through its limit point, at n points from where pressure begins to act.
 
     Unlike `path` the pressure is a result here: it rises to `limit_pressure` and falls behind it. The points behind
-    the limit are equilibria under volume control, unstable under pressure control.
+    the limit are equilibria under volume control, unstable under pressure control; the limit is one of the points.
+
+    The branch ends where, behind the limit, the pressure has fallen to half of it or is as large again (the state to
+    which the scene snaps); where the model ends; where a membrane has inflated to ten times its half width, or an
+    energy membrane is twice as far from flat as at its limit. A branch without a limit ends at 20 mu t_m / a.
     """
     scene = _checked(scene)
     return _branch(scene, n)

@@ -10,8 +10,7 @@ method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "
 per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
 [[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.sections`.
 
-The folder: config.toml, study.nc (read it with `sg.load_study`), study.csv, and a picture of a grid of one or two
-variables.
+The folder: config.toml, study.nc (read it with `sg.load_study`), study.csv, and a picture.
 """
 
 from __future__ import annotations
@@ -213,7 +212,7 @@ def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], Non
 
 
 def _draw(study: Study, data: xr.Dataset, folder: Path) -> None:
-    if not isinstance(study.designs, Grid) or sum(n > 1 for n in study.designs.shape) not in (1, 2):
+    if study.designs.count < 2:
         return
     from . import plots
 

@@ -42,8 +42,36 @@ def test_without_an_end_the_curve_goes_to_the_limit_and_with_through_limit_beyon
     pressures = [float(row["pressure_kPa"]) for row in rows]
     top = pressures.index(max(pressures))
     assert 0 < top < len(rows) - 1
-    assert max(pressures) * kPa == pytest.approx(limit, rel=1e-2)
-    assert pressures[-1] < pressures[top]
+    assert max(pressures) * kPa == pytest.approx(limit, rel=1e-9)
+    assert pressures[-1] == pytest.approx(0.5 * pressures[top], rel=0.02)
+    assert float(rows[-1]["inflation_mm"]) < 160
+    assert {row["status"] for row in rows} == {"OK"}
+
+
+def test_through_the_limit_from_and_to_a_pressure(tmp_path, capsys):
+    limit = float(sg.limit_pressure(thesis.free_shell())) / kPa
+
+    def pressures(*arguments):
+        assert run(["path", FREE, "--points", "40", "--through-limit", *arguments]) == 0
+        return [float(row["pressure_kPa"]) for row in csv.DictReader(capsys.readouterr().out.splitlines())]
+
+    # Nothing behind the limit is asked for where the curve is to end below it.
+    below = pressures("--to-kPa", "15", "--from-kPa", "5")
+    assert below == pytest.approx([5 + 10 * k / 39 for k in range(40)])
+    # No state has more than the limit: the curve goes through it.
+    above = pressures("--to-kPa", "30", "--from-kPa", "12")
+    top = above.index(max(above))
+    assert above[0] >= 12
+    assert max(above) == pytest.approx(limit, rel=1e-9)
+    assert above[-1] == pytest.approx(0.5 * limit, rel=0.03)
+    assert above[:top] == sorted(above[:top])
+    picture = tmp_path / "curve.svg"
+    assert run(["path", FREE, "--points", "40", "--through-limit", "--plot", str(picture)]) == 0
+    drawn = picture.read_text()
+    assert f"limit {limit:.4g} kPa" in drawn
+    assert "unstable at a given pressure" in drawn
+    assert run(["path", FREE, "--points", "40", "--through-limit", "--from-kPa", "30"]) == MISTAKE
+    assert "--from-kPa is 30, the curve ends at 20.17" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

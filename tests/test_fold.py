@@ -152,6 +152,10 @@ def test_branch_shows_the_fold_and_what_is_behind_it():
         # The tip turns on through the fold (much further behind it, past half a circle, the finger curls up instead).
         assert np.all(np.diff(angle[: top + 20]) > -1e-9), case
         assert 20 < top < length - 20, case
+        # It is one of the points, and the last one has half of its pressure: nothing is spent behind that.
+        assert pressure[top] == pytest.approx(limits[i], rel=1e-4), case
+        assert length == 120, case
+        assert pressure[-1] == pytest.approx(0.5 * pressure[top], rel=0.1), case
         assert np.all(np.diff(pressure[: top + 1]) > -1e-12), case
         assert np.all(np.diff(pressure[top:])[:20] < 0), case
         # A parabola through the three highest points has the limit as its top, to the fourth order of their distance.

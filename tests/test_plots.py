@@ -1,13 +1,23 @@
 """Pictures: what is drawn is where the solution says, to one scale, and nothing is cut."""
 
+import dataclasses
+from itertools import pairwise
+
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from helpers import ROD, shell
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 import softgrip_jax as sg
 from softgrip_jax import plots
+from softgrip_jax.path_scene import branch_marks
+from softgrip_jax.plots import walls
+from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
+from softgrip_jax.study.dataset import DESIGN
 from softgrip_jax.units import gram, kPa, mm
 
 MAKE = {
@@ -55,7 +65,7 @@ def test_the_plane_is_where_it_is(solved):
 
 def test_the_inclined_plane_leans_and_touches(solved):
     ax = plots.draw(solved["inclined"]).axes[0]
-    [plane] = [p for p in ax.patches if isinstance(p, Polygon)]
+    [plane] = [p for p in ax.patches if isinstance(p, Polygon) and len(p.get_xy()) == 5]
     (x0, z0), (x1, z1) = plane.get_xy()[:2]
     assert np.arctan2(z0 - z1, x1 - x0) == pytest.approx(0.17)
     normal = np.array([np.sin(0.17), np.cos(0.17)])
@@ -65,6 +75,7 @@ def test_the_inclined_plane_leans_and_touches(solved):
 @pytest.mark.parametrize("name", MAKE)
 def test_nothing_is_cut_and_labels_have_units(solved, name, tmp_path):
     figure = plots.draw(solved[name])
+    check_no_word_is_cut(figure)
     figure.savefig(tmp_path / "picture.png")
     assert (tmp_path / "picture.png").stat().st_size > 5000
     box = figure.bbox
@@ -80,6 +91,159 @@ def test_nothing_is_cut_and_labels_have_units(solved, name, tmp_path):
     assert f"{float(solved[name].pressure) / kPa:.3g} kPa" in figure.axes[0].get_title(loc="left")
 
 
+def texts_of(figure):
+    """All words in a figure that are drawn: ticks outside of what an axis shows are not."""
+    for ax in figure.axes:
+        if not (ax.axison and ax.get_visible()):
+            continue
+        for axis in (ax.xaxis, ax.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            room = 1e-9 * (high - low)
+            yield from (t.label1 for t in axis.get_major_ticks() if low - room <= t.get_loc() <= high + room)
+            yield axis.label
+        yield from (ax.title, ax._left_title, ax._right_title, *ax.texts)
+        if ax.get_legend():
+            yield from ax.get_legend().get_texts()
+
+
+def check_no_word_is_cut(figure):
+    """Every word lies on the canvas: nothing depends on how the figure is saved."""
+    figure.draw_without_rendering()
+    seen = [text for text in texts_of(figure) if text.get_visible() and text.get_text().strip()]
+    assert len(seen) > 4
+    for text in seen:
+        box = text.get_window_extent()
+        assert box.x0 >= -1, text
+        assert box.y0 >= -1, text
+        assert box.x1 <= figure.bbox.x1 + 1, text
+        assert box.y1 <= figure.bbox.y1 + 1, text
+
+
+def parallel_figure():
+    """Four numbers and two quantities at random, some without an answer."""
+    rng, count = np.random.default_rng(0), 900
+    units = {"units": "m", "kind": "length"}
+    coords = {
+        f"gripper.finger.{name}_x": (DESIGN, rng.uniform(1e-3, 9e-3, count), units) for name in ("a", "b", "h", "t_m")
+    }
+    values = 50 * sum(values for _, values, _ in coords.values())
+    status = np.where(values > 1.3, int(sg.Status.BEYOND_LIMIT), int(sg.Status.OK))
+    data = {}
+    for name in ("largest tip force at 31 kPa", "end moment at 31 kPa"):
+        known = np.where(status == 0, values, np.nan)
+        data[name] = (DESIGN, known, {"long_name": name, "kind": "force", "status": "status_31_kPa"})
+    data["status_31_kPa"] = (DESIGN, status, {})
+    return plots.study(xr.Dataset(data, coords))
+
+
+def grid_figure(varied):
+    sizes = {"shell.a": 7, "shell.t_m": 5}
+    axes = {name: (name, np.linspace(1e-3, 9e-3, n), {"kind": "length"}) for name, n in sizes.items()}
+    values = np.arange(35.0).reshape(7, 5)
+    status = np.where(values > 20, int(sg.Status.BEYOND_LIMIT), int(sg.Status.OK))
+    words = {"long_name": "required pressure at 12 kPa", "kind": "pressure", "status": "status"}
+    data = xr.Dataset({"p": (tuple(sizes), values, words), "status": (tuple(sizes), status, {})}, axes)
+    return plots.study(data if varied == 2 else data.isel({"shell.t_m": [2]}))
+
+
+def bars_figure():
+    numbers = [f"gripper.finger.number_{k}" for k in range(8)]
+    found = np.linspace(-2, 2.5, 24).reshape(3, 8)
+    quantities = ["required pressure", "limit margin at required", "tip force at 31 kPa"]
+    return plots.elasticities(
+        xr.Dataset({"elasticity": (("quantity", "by"), found)}, {"quantity": quantities, "by": numbers})
+    )
+
+
+def search_figure():
+    steps = np.arange(12)
+    history = {
+        "best_objective": 1.0 / (1 + steps),
+        "with_equilibrium": 4 + steps,
+        "feasible": steps,
+        "moving": 16 - steps,
+    }
+    return plots.convergence(
+        history,
+        "pressure at required (kPa), least",
+        "minimise the pressure at which the gripper just holds its object",
+        finished=0.05,
+    )
+
+
+def fit_figure():
+    x = np.linspace(0, 20, 12)
+    points = plots.Points("specimen one", x, 0.1 * x**2, x < 15)
+    line = plots.Line("fitted: mu = 171 kPa", x, 0.1 * x**2, 0.1 * x)
+    return plots.measured_and_fitted(
+        [plots.Panel("free inflation", "pressure (kPa)", "inflation (mm)", [points], [line])] * 2
+    )
+
+
+OTHER_FIGURES = {
+    "parallel": parallel_figure,
+    "grid of one": lambda: grid_figure(1),
+    "grid of two": lambda: grid_figure(2),
+    "bars": bars_figure,
+    "search": search_figure,
+    "fit": fit_figure,
+    "front of two": lambda: plots.front(
+        np.array([[2e3, 1.2], [3e3, 1.4]]),
+        ["required pressure", "limit margin"],
+        ["pressure", "number"],
+        ["minimise", "maximise"],
+    ),
+    "front of three": lambda: plots.front(
+        np.array([[2e3, 1.2, 1.0], [3e3, 1.4, 2.0]]),
+        ["required pressure", "limit margin", "tip force at 31 kPa"],
+        ["pressure", "number", "force"],
+        ["minimise", "maximise", "maximise"],
+    ),
+    "limit": lambda: plots.pressure_curve(MAKE["free"]()).figure,
+    "diagrams": lambda: plots.diagrams(
+        [plots.Diagram("force", "pressure (kPa)", "force (N)", [plots.Curve("model", np.arange(5.0), np.arange(5.0))])]
+        * 3
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_FIGURES)
+def test_no_word_of_any_other_figure_is_cut(name):
+    figure = OTHER_FIGURES[name]()
+    assert isinstance(figure, Figure)
+    check_no_word_is_cut(figure)
+
+
+def test_designs_of_many_numbers_are_lines_through_parallel_axes():
+    (ax,) = parallel_figure().axes
+    labels = [text.get_text().replace("\n", " ") for text in ax.get_xticklabels()]
+    assert labels[0] == "gripper. finger.a_x (mm)"
+    assert labels[4] == "largest tip force at 31 kPa (N)"
+    (lines,) = ax.collections
+    answered = np.array(lines.get_segments())
+    assert ax.get_title(loc="left") == "400 of 900 designs, coloured by largest tip force at 31 kPa"
+    assert len(answered) + sum(len(line.get_xdata()) == 4 for line in ax.lines) == 400
+    # The first quantity is the sum of the four numbers: the order of the lines on its axis is that of the sums.
+    total = answered[:, :4, 1].sum(axis=1)
+    assert np.corrcoef(total, answered[:, 4, 1])[0, 1] > 0.999
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["grey: beyond limit"]
+
+
+def test_a_grid_over_three_numbers_has_a_picture():
+    values = np.arange(24.0).reshape(2, 3, 4)
+    axes = {
+        name: (name, np.linspace(1e-3, 4e-3, n), {"kind": "length"})
+        for name, n in zip("abc", values.shape, strict=True)
+    }
+    words = {"long_name": "force", "kind": "force", "status": "status"}
+    status = np.zeros(values.shape, int)
+    figure = plots.study(xr.Dataset({"f": (tuple("abc"), values, words), "status": (tuple("abc"), status, {})}, axes))
+    (lines,) = figure.axes[0].collections
+    seen = np.array(lines.get_segments())[:, :, 1]
+    np.testing.assert_allclose(sorted(seen[:, 3]), np.linspace(0, 1, 24), atol=1e-12)
+    np.testing.assert_allclose(np.unique(np.round(seen[:, 2], 9)), np.linspace(0, 1, 4), atol=1e-9)
+
+
 def test_before_and_after_share_one_scale(solved):
     wide = sg.solve(sg.shell.CylinderContact(shell(a=20 * mm, b=50 * mm), **ROD), 8 * kPa)
     figure = plots.compare({"before": solved["cylinder"], "after": wide})
@@ -90,6 +254,134 @@ def test_before_and_after_share_one_scale(solved):
     per_mm = [ax.get_window_extent().width / np.ptp(ax.get_xlim()) for ax in figure.axes]
     np.testing.assert_allclose(per_mm, per_mm[0], rtol=0.02)
     assert [ax.get_title(loc="left").split(":")[0] for ax in grid[:, 0]] == ["before", "after"]
+
+
+def sheet_of(ax):
+    """The outline of the membrane: face and back, so many points each."""
+    outline = max((p for p in ax.patches if isinstance(p, Polygon)), key=lambda p: len(p.get_xy())).get_xy()[:-1]
+    return np.split(outline, 2)
+
+
+@pytest.mark.parametrize("name", ["free", "flat", "cylinder", "inclined"])
+def test_a_membrane_is_as_thick_as_its_stretches_leave_it(solved, name):
+    """Its material keeps its volume, and the face that touches is the model's surface."""
+    solution = solved[name]
+    for ax in plots.draw(solution).axes:
+        face, back = sheet_of(ax)
+        np.testing.assert_allclose(face, membrane(ax))
+        across = np.hypot(*(face - back[::-1]).T)
+        stretches = np.asarray(
+            solution.scene.stretches(solution.clamp_angle if name != "cylinder" else solution.contact_angle)
+        )
+        np.testing.assert_allclose(across, 1.1 / np.prod(stretches), rtol=1e-9)
+        assert np.all(across < 1.1)
+        middle = len(face) // 2
+        assert face[middle, 1] > back[::-1][middle, 1]
+
+
+@pytest.mark.slow
+def test_an_energy_membrane_touches_its_plane_with_its_outer_face():
+    """The middle surface does not: it is half the thickness below. The plane is drawn where the scene has it."""
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm, model="energy").prepared()
+    solution = sg.solve(scene, 12 * kPa)
+    figure = plots.draw(solution)
+    check_no_word_is_cut(figure)
+    for ax in figure.axes[:2]:
+        face, back = sheet_of(ax)
+        # Between the points where the contact is asked for, the polynomials go a little further.
+        pressed = np.abs(face[:, 0]) < (25 if ax is figure.axes[0] else 5)
+        assert np.all(np.abs(face[pressed, 1] - 5) < 0.12)
+        assert np.median(face[pressed, 1]) == pytest.approx(5, abs=0.03)
+        assert np.max(face[:, 1]) < 5.3
+        across = np.hypot(*(face - back[::-1]).T)
+        assert np.all((across[pressed] > 0.5) & (across[pressed] < 1.05))
+        # The edge of the object that is drawn, by its contour.
+        edges = [path.vertices for line in ax.collections for path in line.get_paths() if len(path.vertices)]
+        assert min(np.min(vertices[:, 1]) for vertices in edges) == pytest.approx(5, abs=1e-6)
+    assert [ax.get_aspect() for ax in figure.axes[:4]] == [1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in ("offset", "grasp") else name for name in MAKE]
+)
+def test_a_curve_through_the_limit_marks_it_and_dashes_what_is_unstable(name):
+    """Dashed exactly where the pressure falls along the curve; the limit is one of its points."""
+    scene = MAKE[name]()
+    curve, limit = sg.branch(scene, 60), float(sg.limit_pressure(scene))
+    pressure = np.asarray(curve.pressure)
+    assert np.all(np.asarray(curve.status) == sg.Status.OK)
+    assert np.max(pressure) == pytest.approx(limit, rel=1e-5)
+    observable = next(iter(type(scene).OBSERVABLES))
+    (ax,) = plots.curve_of(curve, observable, limit).axes
+    check_no_word_is_cut(ax.figure)
+    words = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert f"limit {limit / kPa:.4g} kPa" in words
+    (mark,) = [line.get_xydata()[0] for line in ax.lines if line.get_marker() == "o"]
+    assert mark[0] == pytest.approx(limit / kPa, rel=1e-5)
+    dashed = [line.get_xdata() for line in ax.lines if line.get_linestyle() == "--"]
+    falls = np.diff(pressure) < 0
+    assert sum(len(x) - 1 for x in dashed) == np.sum(falls)
+    assert all(np.all(np.diff(x) < 0) for x in dashed)
+    assert ("unstable at a given pressure" in words) == (name == "free") == bool(np.any(falls))
+
+
+@pytest.mark.parametrize("material", ["half", "snaps", "size", "stiff"])
+def test_a_branch_ends_at_a_sensible_size(material):
+    """Against a scan of the load: half the limit, the limit again, ten half widths, or 20 mu t / a without a limit."""
+    law = {
+        "half": sg.NeoHookean(mu=175e3),
+        "snaps": sg.Ogden(mu=[80e3, 200.0], alpha=[2.0, 5.0]),
+        "size": sg.Ogden(mu=[150e3], alpha=[2.6]),
+        "stiff": sg.Gent(mu=175e3, j_m=2.0),
+    }[material]
+    scene = sg.shell.Free(dataclasses.replace(shell(), material=law))
+    curve = sg.branch(scene, 80)
+    angles = np.linspace(1e-3, 2 * np.arctan(10), 20001)
+    load = np.asarray(jax.vmap(scene.load)(angles))
+    falls = np.flatnonzero(np.diff(load) < 0)
+    top = falls[0] if falls.size else 0
+    limit, behind = load[top], load[top + 1 :]
+    most = 20 * float(scene.shell.pressure_scale())
+    ends = {
+        "half": np.flatnonzero(behind < 0.5 * limit) + top + 1,
+        "snaps": np.flatnonzero(behind > limit) + top + 1,
+        "size": np.array([20000]),
+        "stiff": np.flatnonzero(~(load < most)),
+    }
+    if material != "stiff":
+        assert falls.size
+        del ends["stiff"]
+    else:
+        assert not np.any(np.diff(load[: ends["stiff"][0]]) < 0)
+        ends = {"stiff": ends["stiff"]}
+    first = min((found[0], name) for name, found in ends.items() if found.size)
+    assert first[1] == material
+    assert float(curve.clamp_angle[-1]) == pytest.approx(angles[first[0]], abs=0.006)
+    assert np.all(np.asarray(curve.status) == sg.Status.OK)
+
+
+@pytest.mark.parametrize("shape", ["turns", "ends", "dies behind", "rises again"])
+def test_where_a_followed_path_turns_and_ends(shape):
+    """Against the closed form of the load along the path."""
+    s = np.arange(200.0)
+    load = {
+        "turns": 1 - ((s - 60.3) / 120) ** 2,
+        "ends": s / 200,
+        "dies behind": 1 - ((s - 60.3) / 120) ** 2,
+        "rises again": 0.5 + (s / 50 - 1) * (s / 50 - 2) * (s / 50 - 3),
+    }[shape]
+    good = s < {"ends": 150, "dies behind": 90}.get(shape, 1000)
+    fold, end = (float(v) for v in branch_marks(jnp.asarray(load), jnp.asarray(load), jnp.asarray(good)))
+    if shape == "ends":
+        assert fold == end == 149
+    elif shape == "rises again":
+        assert fold == pytest.approx(50 * (2 - 3**-0.5), abs=0.02)
+        # It has fallen to half of the turn before it rises again, or stops at the lowest point.
+        assert load[int(end)] >= 0.5 * np.max(load[:100])
+    else:
+        assert fold == pytest.approx(60.3, abs=1e-6)
+        half = 60.3 + 120 * 0.5**0.5
+        assert end == (89 if shape == "dies behind" else np.floor(half))
 
 
 def test_the_curve_goes_through_the_limit_point():
@@ -130,6 +422,26 @@ def test_convergence_shows_the_history():
     assert {line.get_marker() for line in below.lines} == {"o"}
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["free", "flat"])
+def test_the_branch_of_an_energy_membrane_ends_behind_its_limit_or_at_the_end_of_its_model(name):
+    """Free inflation has a limit point, as for arcs; a plane leaves none, and the branch goes nearly to the end."""
+    scene = {
+        "free": sg.shell.Free(shell(), model="energy"),
+        "flat": sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"),
+    }[name].prepared()
+    curve, limit = sg.branch(scene, 40), float(sg.limit_pressure(scene))
+    good = np.asarray(curve.status) == sg.Status.OK
+    pressure = np.asarray(curve.pressure)[good]
+    assert np.sum(good) >= 30
+    assert np.max(pressure) <= limit * (1 + 1e-6)
+    assert np.max(pressure) > 0.8 * limit
+    assert (pressure[-1] < 0.99 * limit) or name == "flat"
+    (ax,) = plots.curve_of(curve, "inflation", limit).axes
+    dashed = [line for line in ax.lines if line.get_linestyle() == "--"]
+    assert bool(dashed) == (name == "free")
+
+
 def test_what_cannot_be_drawn_says_so():
     beyond = sg.solve(MAKE["free"](), 40 * kPa)
     with pytest.raises(ValueError, match="There is no state to draw: no equilibrium"):
@@ -158,8 +470,83 @@ def test_chambers_stand_where_they_belong():
     """Type A: 12.8 pitches of 6 mm, the first chamber from 0.9 to 5.1 mm, the last one cut by the end at 77 mm."""
     places = plots.finger.chamber_places(sg.PneuNet.table_5_1("A"))
     assert len(places) == 13
-    np.testing.assert_allclose(places[0], (0.9, 5.1, 10.0, 1.1))
-    np.testing.assert_allclose(places[-1], (72.9, 77.0, 10.0, 1.1))
+    np.testing.assert_allclose(
+        [(p.first, p.last, p.height, p.wall) for p in places[:: len(places) - 1]],
+        [(0.9, 5.1, 10.0, 1.1), (72.9, 77.0, 10.0, 1.1)],
+    )
+    assert [p.has_neighbour for p in places] == [True] * 12 + [False]
+
+
+def test_a_wall_that_does_not_fit_is_drawn_and_named():
+    finger = dataclasses.replace(sg.PneuNet.table_5_1("A"), t_m=3 * mm)
+    scene = sg.pneunet.Free(finger, weight=None, inclination="none")
+    line = plots.finger.straight(finger, 0.0)
+    ax = Figure().subplots()
+    plots.finger.paint_finger(ax, finger, line, plots.finger.inflated(scene, line, 20 * kPa), plots.finger.as_is)
+    assert len(plots.finger.chamber_places(finger)) == 13
+    (words,) = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert words == "walls 3 mm thick do not fit\ninto chambers 4.2 mm long"
+
+
+LEANS = (0.0, 0.02, 0.12, 0.3, -0.05)
+
+
+@pytest.mark.parametrize("pressure", [1.0, 2.0, 12.0, 31.0])
+def test_drawn_walls_are_those_of_the_wall_model(pressure):
+    """The angle, by interpolation in the curve of the load, is the one that `solve` finds; below contact the wall is a
+    free arc that touches nothing."""
+    finger, p = sg.PneuNet.table_5_1("A"), pressure * kPa
+    fields = {name: np.full(len(LEANS), float(getattr(finger, name))) for name in SEGMENT_FIELDS}
+    drawn = walls.walls_at(finger, np.array(LEANS), p, fields)
+    model = jax.vmap(lambda lean: sg.pneunet.chamber(finger, p, lean))(jnp.array(LEANS))
+    touches = np.asarray(model.status) == sg.Status.OK
+    np.testing.assert_array_equal(drawn.touches, touches)
+    np.testing.assert_allclose(drawn.angle[touches], np.asarray(model.clamp_angle)[touches], rtol=1e-4)
+    np.testing.assert_allclose(drawn.stretch[touches], np.asarray(model.stretch)[touches], rtol=1e-5)
+    for k, lean in enumerate(LEANS):
+        face = walls.outline(drawn, k, 5 * mm, lean)
+        assert np.min(face[:, 0]) > -1e-6
+        # From the edge on the cover, h_x from the plane, to the one above, 2 a away on a line that leans.
+        edges = np.array([[0.9, 0.0], [0.9 + 10 * np.sin(lean), 10 * np.cos(lean)]]) * mm
+        np.testing.assert_allclose(face[[0, -1]], edges, atol=1e-12)
+        if touches[k] and lean == 0:
+            np.testing.assert_allclose(np.ptp(face[face[:, 0] < 1e-9, 1]), model.contact_width[k], rtol=1e-4)
+        elif not touches[k]:
+            # Pressure times the chord is what both tensions hold of it: p a = 2 T sin(angle), T = mu t (1 - 1/l^6).
+            stretch = drawn.angle[k] / np.sin(drawn.angle[k])
+            held = 2 * 136e3 * 1.1 * mm * (1 - stretch**-6) * np.sin(drawn.angle[k]) / (5 * mm)
+            assert held == pytest.approx(p, rel=1e-4) or np.min(face[:, 0]) < 1e-6
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return sg.solve(sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=None, inclination="none"), 31 * kPa)
+
+
+def test_neighbouring_chambers_of_a_drawn_finger_press_on_each_other(bent):
+    """They lie on each other over the length of the model's contact, never in each other, and below contact apart."""
+    line = plots.finger.line_of(bent)
+    chambers = plots.finger.chambers_of(bent, line)
+    finger = bent.scene.finger
+    wall = sg.pneunet.chamber(finger, 31 * kPa, 0.5 * bent.tip_angle * finger.pitch / finger.L)
+    for k, (one, other) in enumerate(pairwise(chambers[:12])):
+        at, theta = 6.0 * (k + 1), np.interp(6.0 * (k + 1), line["X"], line["theta"])
+        foot = np.array([np.interp(at, line["X"], line[name]) for name in ("x", "y")])
+        along = np.array([np.cos(theta), np.sin(theta)])
+        before, after = (one.near_tip - foot) @ along, (other.near_clamp - foot) @ along
+        assert np.max(before) == pytest.approx(0, abs=1e-6)
+        assert np.min(after) == pytest.approx(0, abs=1e-6)
+        flat = one.near_tip[before > -1e-6]
+        # (4.33) measures the width by the stretch, the picture by what the arcs leave of the wall: they differ by 15 %.
+        assert np.hypot(*np.ptp(flat, axis=0)) * mm == pytest.approx(float(wall.contact_width), rel=0.15)
+    rest = plots.finger.inflated(bent.scene, plots.finger.straight(finger, 0.0), 1 * kPa)
+    gaps = [np.min(other.near_clamp[:, 0]) - np.max(one.near_tip[:, 0]) for one, other in pairwise(rest)]
+    assert 0.2 < np.min(gaps[:-1]) < 1.8
+    (ax,) = plots.draw(bent).axes
+    check_no_word_is_cut(ax.figure)
+    drawn = [p.get_xy()[:-1] for p in ax.patches if isinstance(p, Polygon) and p.get_fill()]
+    for chamber in chambers:
+        assert any(len(p) == len(chamber.outline()) and np.allclose(p, chamber.outline()) for p in drawn)
 
 
 def test_the_finger_is_drawn_where_it_is():

@@ -217,6 +217,7 @@ def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path, capsys):
     assert run(["sweep", str(config), "--out", str(out), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["folder"] == str(out)
+    assert (out / "study.png").read_bytes().startswith(b"\x89PNG")
     with (out / "study.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     force = told["quantities"]["force_at_20_kPa"]

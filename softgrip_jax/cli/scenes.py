@@ -101,9 +101,15 @@ def path(
     to_kpa: Annotated[
         float | None, typer.Option("--to-kPa", help="Last pressure; without it, the limit pressure of the scene.")
     ] = None,
-    points: Annotated[int, typer.Option(min=2, max=100_000, help="How many pressures, evenly spaced.")] = 41,
+    points: Annotated[
+        int, typer.Option(min=2, max=100_000, help="How many pressures, evenly spaced; or points along the curve.")
+    ] = 41,
     through_limit: Annotated[
-        bool, typer.Option(help="The whole curve of equilibria instead, through the limit point and down behind it.")
+        bool,
+        typer.Option(
+            help="The curve of equilibria instead, through the limit and behind it to half of it. It ends before, "
+            "with --to-kPa below the limit; what is below --from-kPa on the way up is left out."
+        ),
     ] = False,
     observable: Annotated[
         str | None,
@@ -152,18 +158,23 @@ def path(
     # Without a terminal nobody waits for words, and what is written to a log is what was asked for.
     with stages(aside) if aside.is_terminal else nullcontext(silent) as tell:
         tell("compiling, then solving")
-        if through_limit:
-            curve = branch(asked, points)
+        first = configs.read_numbers(from_kpa, "--from-kPa", "nonnegative", "pressure", [""])
+        limit = float(limit_pressure(asked)) if through_limit or to_kpa is None else None
+        if to_kpa is None:
+            last = limit
+            if limit is None or not np.isfinite(limit):
+                raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
         else:
-            first = configs.read_numbers(from_kpa, "--from-kPa", "nonnegative", "pressure", [""])
-            if to_kpa is None:
-                last = float(limit_pressure(asked))
-                if not np.isfinite(last):
-                    raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
-            else:
-                last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
-            if last <= first:
-                raise ConfigError(f"--from-kPa is {from_kpa:g}, the curve ends at {last / kPa:g} kPa; it must rise.")
+            last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
+        if through_limit and limit is not None and limit <= last:
+            last, through = limit, True
+        else:
+            through = False  # nothing behind the limit is asked for
+        if last <= first:
+            raise ConfigError(f"--from-kPa is {from_kpa:g}, the curve ends at {last / kPa:g} kPa; it must rise.")
+        if through:
+            curve = from_pressure(branch(asked, points), first)
+        else:
             curve, stopped = followed(asked, np.linspace(first, last, points), tell)
         header, rows = table_of(curve)
     if csv_file is not None:
@@ -184,7 +195,7 @@ def path(
     if plot is not None and good.any():
         from ..plots import curve_of
 
-        write_file(plot, lambda path: curve_of(curve, shown).savefig(path))
+        write_file(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
     if stopped:
         print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
         raise KeyboardInterrupt
@@ -225,6 +236,21 @@ def followed(scene: Any, pressures: Any, tell: Tell) -> tuple[Solution, bool]:
             raise
         stopped = True
     return jax.tree.map(lambda *x: np.concatenate(x), *parts), stopped
+
+
+def from_pressure(curve: Solution, first: float) -> Solution:
+    """A branch without the points on its way up that are below a pressure, Pa."""
+    import dataclasses
+
+    import jax
+    import numpy as np
+
+    pressures = np.asarray(curve.pressure)
+    wanted = (pressures >= first) | (np.arange(len(pressures)) > int(np.nanargmax(pressures)))
+
+    # The scene may be one for all states.
+    states = {f.name: getattr(curve, f.name) for f in dataclasses.fields(curve) if f.name != "scene"}
+    return dataclasses.replace(curve, **jax.tree.map(lambda x: np.asarray(x)[wanted], states))
 
 
 def _share(text: str) -> float:

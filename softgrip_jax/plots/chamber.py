@@ -18,29 +18,15 @@ from ..results import Solution
 from ..units import mm
 from .figures import BLUE, BODY, VERMILION, paints
 from .finger import GREY, PALE
+from .walls import ARC_POINTS, pressed_outline, wall_behind
 
-ARC_POINTS = 60
-"""On each arc of a wall."""
 UNLOADED, TOUCHING = "without pressure", "when they begin to touch"
 
 
 def wall_outline(scene: Any, angle: float) -> np.ndarray:
-    """A wall at theta_m2: (distance from the plane, height) in mm from its near edge on, shape (n, 2).
-
-    Its edges are at d (h_x, or less where the walls close) and d + 2 a sin|theta_s|; between them are arc, flat, arc
-    with one radius R (4.27), which leave the plane tangentially and meet the edges at theta_m1 and theta_m2. The flat
-    is what the arcs leave of the height.
-    """
-    a = float(scene.finger.a)
+    """A wall at theta_m2: (distance from the plane, height) in mm from its nearer edge on."""
     near, lean = (float(v) for v in scene.nearer_edge())
-    far = near + 2 * a * np.sin(lean)
-    radius = far / (2 * np.sin(0.5 * angle) ** 2)
-    first = 2 * np.arcsin(np.sqrt(near / far) * np.sin(0.5 * angle))
-    span = 2 * a * np.cos(lean)
-    down, up = np.linspace(first, 0, ARC_POINTS), np.linspace(0, angle, ARC_POINTS)
-    low = np.stack([radius * (1 - np.cos(down)), radius * (np.sin(first) - np.sin(down))], axis=-1)
-    high = np.stack([radius * (1 - np.cos(up)), span - radius * (np.sin(angle) - np.sin(up))], axis=-1)
-    return np.concatenate([low, high]) / mm
+    return pressed_outline(float(scene.finger.a), near, lean, angle) / mm
 
 
 @paints(Chamber, "along the finger, from the plane of contact (mm)", vertical="height of the wall (mm)")
@@ -69,6 +55,9 @@ def _paint(solution: Solution, axes: Sequence[Axes]) -> None:
         ax.plot(*placed(edges, side).T, color=GREY, linewidth=1.0, zorder=3, label=UNLOADED if side > 0 else None)
         dots = {"color": BLUE, "linewidth": 0.9, "linestyle": (0, (2, 2)), "zorder": 4}
         ax.plot(*placed(begin, side).T, label=TOUCHING if side > 0 else None, **dots)
+        # The face is what the model knows; the wall behind it thins as it stretches.
+        wall = wall_behind(now, float(finger.t_m) / mm / float(solution.stretch) ** 2)
+        ax.add_patch(Polygon(placed(wall, side), closed=True, facecolor=BLUE, alpha=0.55, edgecolor="none", zorder=3))
         ax.plot(*placed(now, side).T, color=BLUE, linewidth=2, solid_capstyle="round", zorder=5)
     middle = placed(now[[ARC_POINTS - 1, ARC_POINTS]], 1)[:, 1].mean()
     reach = float(np.max(np.abs(room[:, 0])))

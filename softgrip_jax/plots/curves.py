@@ -59,8 +59,12 @@ def diagrams(panels: Sequence[Diagram], columns: int = 2) -> Figure:
     return figure
 
 
-def curve_of(curve: Solution, observable: str) -> Figure:
-    """An observable over the pressure along a batch of states, in its order; gaps where there is none."""
+def curve_of(curve: Solution, observable: str, limit: float | None = None) -> Figure:
+    """An observable over the pressure along a batch of states, in its order; gaps where there is none.
+
+    limit: the limit pressure, Pa, to be marked where it is on the curve. Where the pressure falls along the curve
+    (`sg.branch` behind the limit) the states are unstable at a given pressure: dashed.
+    """
     label, unit = DISPLAY[type(curve.scene).OBSERVABLES[observable]]
     good = np.asarray(curve.status) == Status.OK
     x = np.where(good, np.asarray(curve.pressure) / kPa, np.nan)
@@ -69,6 +73,28 @@ def curve_of(curve: Solution, observable: str) -> Figure:
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(0.6 * WIDTH, 2.7))
         ax = figure.subplots()
-        ax.plot(x, y, color=BLUE, marker="o" if good.sum() < 10 else None, markersize=3)
+        unstable = np.diff(x) < 0
+        for piece, falls in _pieces(unstable):
+            style = {"linestyle": UNSTABLE} if falls else {"marker": "o" if good.sum() < 10 else None, "markersize": 3}
+            ax.plot(x[piece], y[piece], color=BLUE, label=BEHIND if falls else None, **style)
+        if limit is not None and good.any():
+            top = int(np.nanargmax(x))
+            if np.isclose(x[top], limit / kPa, rtol=AT_LIMIT):
+                words_of_limit = f"limit {limit / kPa:.4g} kPa"
+                ax.plot(x[top], y[top], "o", color=VERMILION, markersize=5, zorder=5, label=words_of_limit)
         ax.set(xlabel="pressure (kPa)", ylabel=f"{words} ({label})" if label else words)
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(loc="best", handlelength=2.2)
     return figure
+
+
+UNSTABLE, BEHIND = (0, (3, 2)), "unstable at a given pressure"
+AT_LIMIT = 1e-3
+"""A state that is so near to the limit pressure, relative to it, is marked as the limit: within a line's width."""
+
+
+def _pieces(falls: np.ndarray) -> list[tuple[slice, bool]]:
+    """Runs of steps that fall, or do not, as slices of points: neighbours share one."""
+    turns = np.flatnonzero(np.diff(falls)) + 1
+    starts, ends = [0, *turns], [*turns, len(falls)]
+    return [(slice(a, b + 1), bool(falls[a]) if len(falls) else False) for a, b in zip(starts, ends, strict=True)]

@@ -10,44 +10,63 @@ import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
+from matplotlib.patches import Polygon, Rectangle
 
 from ..results import Solution
 from ..shell.energy_scene import EnergyScene
 from ..units import kPa, mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, WIDTH, composes, paints, pressure_text
-from .shell import POINTS, RIM
+from .shell import FACE, POINTS, RIM
 
 MAP_POINTS = 81
 """On each side of a map."""
 
 
-@paints(EnergyScene, "along the length, y (mm)", "across the width, x (mm)")
+VIEWS = ("along the length, y (mm)", "across the width, x (mm)")
+
+
+@paints(EnergyScene, *VIEWS)
 def _paint(solution: Solution, axes: Sequence[Axes]) -> None:
-    shell = solution.scene.shell  # type: ignore[attr-defined]
-    shape = {name: np.asarray(v) / mm for name, v in solution.shape(POINTS).items()}
-    _paint_section(axes[0], solution, 1, float(shell.b) / mm, shape["y"], shape["z_length"])
-    _paint_section(axes[1], solution, 0, float(shell.a) / mm, shape["x"], shape["z"])
-
-
-def _paint_section(ax: Axes, solution: Solution, axis: int, half: float, s: np.ndarray, z: np.ndarray) -> None:
-    """The middle surface, seen along the other axis, and the object's section in the plane x = 0 or y = 0."""
     scene: Any = solution.scene
-    thickness = float(scene.shell.t_m) / mm
-    top = max(1.15 * float(np.max(z)), float(np.max(z)) + 2 * RIM)
-    reach = max(half + RIM, float(np.max(np.abs(s))) + RIM)
+    shape = {name: np.asarray(v) / mm for name, v in solution.shape(POINTS).items()}
+    top = _top(shape)
+    for ax, axis, half, names in (
+        (axes[0], 1, scene.shell.b, ("y", "z_length")),
+        (axes[1], 0, scene.shell.a, ("x", "z")),
+    ):
+        middle, face = (np.stack([shape[name + kind] for name in names], axis=-1) for kind in ("", "_face"))
+        _paint_section(ax, scene, axis, float(half) / mm, middle, face, top)
+
+
+def _top(shape: dict[str, np.ndarray]) -> float:
+    """How high the sections are drawn, mm."""
+    highest = max(float(np.max(shape[name])) for name in ("z_face", "z_length_face"))
+    return max(1.15 * highest, highest + 2 * RIM)
+
+
+def _paint_section(
+    ax: Axes, scene: Any, axis: int, half: float, middle: np.ndarray, face: np.ndarray, top: float
+) -> None:
+    """The sheet, seen along the other axis, and the object's section in the plane x = 0 or y = 0.
+
+    Heights are those of the outer face, from where it is at rest, as in the scene: the middle surface is half the
+    thickness below.
+    """
+    middle = middle - [0.0, 0.5 * float(scene.shell.t_m) / mm]
+    reach = max(half + RIM, float(np.max(np.abs(face[:, 0]))) + RIM)
     if scene.body is not None:
         across, up = np.meshgrid(np.linspace(-reach, reach, 241), np.linspace(0, top, 121))
         places = np.zeros((*across.shape, 3))
         places[..., axis], places[..., 2] = across, up
         distance = jax.vmap(scene.body.distance)(jnp.asarray(places.reshape(-1, 3) * mm))
         distance = np.asarray(distance).reshape(across.shape)
-        # The object is placed from the outer face, the profile is the middle surface.
-        ax.contourf(across, up + thickness / 2, distance, levels=[-1e3, 0], colors=[OBJECT_FACE], zorder=0)
-        ax.contour(across, up + thickness / 2, distance, levels=[0], colors=[OBJECT_EDGE], linewidths=1, zorder=0)
+        ax.contourf(across, up, distance, levels=[-1e3, 0], colors=[OBJECT_FACE], zorder=0)
+        ax.contour(across, up, distance, levels=[0], colors=[OBJECT_EDGE], linewidths=1, zorder=0)
     ax.add_patch(Rectangle((-half - RIM, -RIM), 2 * (half + RIM), RIM, facecolor=BODY, edgecolor="none", zorder=1))
     ax.plot([-half, half], [0, 0], color="white", linewidth=1, linestyle=(0, (4, 3)), zorder=2)
-    ax.plot(s, z, color=BLUE, linewidth=2, solid_capstyle="round", zorder=4)
+    sheet = np.concatenate([face, (2 * middle - face)[::-1]])
+    ax.add_patch(Polygon(sheet, closed=True, facecolor=BLUE, edgecolor="none", zorder=3))
+    ax.plot(*face.T, color=BLUE, linewidth=FACE, solid_capstyle="round", zorder=4)
     ax.plot([-half, half], [0, 0], "s", color="black", markersize=3.5, zorder=5)
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-RIM, top)
@@ -60,13 +79,17 @@ def _compose(solution: Solution) -> Figure:
     shown = [("larger_stretch", "larger principal stretch", 1.0, "viridis")]
     if "contact_pressure" in maps:
         shown.insert(0, ("contact_pressure", "contact pressure (kPa)", kPa, "magma_r"))
-    figure = Figure(figsize=(WIDTH, 2.1 + 2.0 * len(shown)))
-    halves: Any = figure.subfigures(2, 1, height_ratios=[1.0, 0.85 * len(shown)])
+    # One scale for both sections: columns as wide as what they show.
+    drawn = list(Figure().subplots(1, 2))
+    _paint(solution, drawn)
+    spans = [np.ptp(ax.get_xlim()) for ax in drawn]
+    section = 0.84 * WIDTH * float(np.ptp(drawn[0].get_ylim())) / sum(spans) + 0.75
+    figure = Figure(figsize=(WIDTH, section + 2.0 * len(shown) + 0.1))
+    halves: Any = figure.subfigures(2, 1, height_ratios=[section, 2.0 * len(shown) + 0.1])
     above, below = halves
-    spans = [float(scene.shell.b), float(scene.shell.a)]
-    sections = above.subplots(1, 2, sharey=True, width_ratios=[spans[0] + 2 * RIM * mm, spans[1] + 2 * RIM * mm])
+    sections = above.subplots(1, 2, sharey=True, width_ratios=spans)
     _paint(solution, list(sections))
-    for ax, label in zip(sections, ("along the length, y (mm)", "across the width, x (mm)"), strict=True):
+    for ax, label in zip(sections, VIEWS, strict=True):
         ax.set_aspect("equal")
         ax.set_xlabel(label)
     sections[0].set_ylabel("z (mm)")

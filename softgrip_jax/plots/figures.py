@@ -7,6 +7,7 @@ the scene that has one. Where a picture needs more than flat views, `@composes(S
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from textwrap import fill
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -36,6 +37,7 @@ STYLE: dict[str, Any] = {
     "axes.linewidth": 0.8,
     "lines.linewidth": 1.8,
     "legend.frameon": False,
+    "figure.dpi": 150,
     "savefig.dpi": 200,
     "savefig.bbox": "tight",
     "savefig.pad_inches": 0.05,
@@ -154,8 +156,7 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
                 ha="center" if top < len(x) - 1 else "right",
             )
         if np.isfinite(limit) and own:
-            # Behind the limit the curve runs far away: as much of it as there is before the limit says enough.
-            ax.set_xlim(0, 2 * x[top] if top < len(x) - 1 else None)
+            ax.set_xlim(left=0)
             ax.set_ylim(0, 1.15 * limit / kPa)
         ax.set_xlabel(_with_unit(name, unit_label))
         ax.set_ylabel("pressure (kPa)")
@@ -165,6 +166,8 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
 
 
 FEW_STEPS = 10
+BESIDE, ABOVE = 22, 38
+"""Letters in a line beside and above the diagrams of a search."""
 
 
 def convergence(
@@ -187,8 +190,9 @@ def convergence(
             place |= {"textcoords": "offset points", "ha": "right"}
             above.annotate("finished", (len(best) + 1, finished), color=VERMILION, **place)
         above.margins(x=0.1 if marker else 0.05, y=0.25)
-        above.set_ylabel(label)
-        above.set_title(title, loc="left", fontweight="bold")
+        # Words beside an axis are as long as it is at most, and those above it as wide as the figure.
+        above.set_ylabel("\n".join(fill(line, BESIDE) for line in label.splitlines()))
+        above.set_title(fill(title, ABOVE), loc="left", fontweight="bold")
         colours = {"with_equilibrium": BLUE, "feasible": GREEN, "moving": VERMILION}
         words = {"with_equilibrium": "solved", "feasible": "feasible", "moving": "moving"}
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}

@@ -1,24 +1,29 @@
 """Fingers: the bent cover with its chambers, and a gripper around its object.
 
-The cover is a band of thickness H along the deformed middle line. The chambers stand on its outer side as boxes, 2a
-high and h_L long, with walls t_m thick; each turns with the cover under its middle. The model's tip is the end of the
-middle line, so an object is drawn up to that line and not to the corner of the cover.
+The cover is a band of thickness H along the deformed middle line. The chambers stand on its outer side, 2a high, with
+walls t_m thick that thin as they stretch; each turns with the cover under its middle. Between two chambers is the plane
+of contact, across the cover where their segments meet, and their walls bulge towards it as the model has them at this
+pressure, from h_x in front of it on; they lean by the angle between the drawn chamber and the drawn plane, which is the
+model's own for inclination = "segment". The clamp is such a plane too. The wall at the tip has no neighbour, the roof
+and the floor do not inflate in the model: they stay straight. The model's tip is the end of the middle line, so an
+object is drawn up to that line and not to the corner of the cover.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from matplotlib.patches import Polygon, Rectangle
+from matplotlib.patches import Patch, Polygon, Rectangle
 
 from ..objects import HexagonalCylinder, Taper, ThreeFaceCone
-from ..pneunet.finger import PneuNet
+from ..pneunet.chamber import SmallStrainChamber
+from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.grasp import Grasp
 from ..pneunet.linear import Linear
@@ -26,6 +31,7 @@ from ..pneunet.scenes import HeldTip
 from ..results import Solution
 from ..units import mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, VERMILION, WIDTH, composes, paints, pressure_text
+from .walls import outline, small_strain_outline, thick, wall_behind, walls_at
 
 POINTS = 201
 """Points along a finger: a chord is off the line by less than 0.01 mm."""
@@ -39,12 +45,16 @@ PLATE = 6.0
 
 ROUND = 48
 """Faces of what is round."""
+SPACE_POINTS = 12
+"""On a wall in space."""
 LIGHT = np.array([0.3, 0.8, -0.5196])
 """From where light falls on a gripper in space: a unit vector, to the viewer's right."""
 
 Line = dict[str, np.ndarray]
-Place = Callable[[np.ndarray], np.ndarray]
+Where = Callable[[np.ndarray], np.ndarray]
 """Points (x, y) of a finger, shape (n, 2), to where they are in the picture."""
+NOTHING = 1e-9
+"""mm: a chamber that the end of the finger cuts to less is none."""
 
 
 def line_of(solution: Solution) -> Line:
@@ -67,49 +77,157 @@ def band(line: Line, thickness: float) -> np.ndarray:
     return np.concatenate([middle + 0.5 * thickness * normal, (middle - 0.5 * thickness * normal)[::-1]])
 
 
-def chamber_places(finger: PneuNet) -> list[tuple[float, float, float, float]]:
-    """(first X, last X, height, wall) in mm of every chamber; a uniform finger's last one may be cut by its end."""
+class Place(NamedTuple):
+    """A chamber on a finger without pressure, mm along the middle line, and its own numbers."""
+
+    begin: float
+    """Where its segment begins, and so the plane that its first wall presses on."""
+    first: float
+    last: float
+    end: float
+    """Where its segment ends, or the finger."""
+    fields: dict[str, float]
+    """Its a, b, h_x, t_m, h_L, m."""
+
+    @property
+    def height(self) -> float:
+        """mm."""
+        return 2 * self.fields["a"] / mm
+
+    @property
+    def wall(self) -> float:
+        """mm."""
+        return self.fields["t_m"] / mm
+
+    @property
+    def fits(self) -> bool:
+        """Whether the chamber, where the end of the finger does not cut it, has room between its walls."""
+        return self.fields["h_L"] > 2 * self.fields["t_m"]
+
+    @property
+    def has_neighbour(self) -> bool:
+        """Whether another chamber follows: the wall at the tip presses on nothing."""
+        return self.last < self.end - NOTHING
+
+
+def chamber_places(finger: PneuNet) -> list[Place]:
+    """Every chamber; the last one of a uniform finger may be cut by its end."""
     length = float(finger.L) / mm
     if finger.segments is None:
         pitch = float(finger.pitch) / mm
-        starts = np.arange(0.0, length - 1e-9, pitch)
+        starts = np.arange(0.0, length - NOTHING, pitch)
         pitches = np.full(starts.shape, pitch)
     else:
         pitches = np.asarray(finger.segment_lengths) / mm
         starts = np.cumsum(pitches) - pitches
-    fields = [np.broadcast_to(np.asarray(getattr(finger, name)), starts.shape) for name in ("h_x", "h_L", "a", "t_m")]
+    fields = {name: np.broadcast_to(np.asarray(getattr(finger, name)), starts.shape) for name in SEGMENT_FIELDS}
     places = []
-    for start, pitch, h_x, h_L, a, t_m in zip(starts, pitches, *fields, strict=True):
-        gap = pitch * h_x / (2 * h_x + h_L)
+    for k, (start, pitch) in enumerate(zip(starts.tolist(), pitches.tolist(), strict=True)):
+        own = {name: float(values[k]) for name, values in fields.items()}
+        gap = pitch * own["h_x"] / (2 * own["h_x"] + own["h_L"])
         first, last = start + gap, min(start + pitch - gap, length)
-        if last - first > 2 * t_m / mm:
-            places.append((first, last, 2 * a / mm, t_m / mm))
+        if last - first > NOTHING:
+            places.append(Place(start, first, last, min(start + pitch, length), own))
     return places
 
 
-def box(line: Line, finger: PneuNet, first: float, last: float, low: float, high: float) -> np.ndarray:
-    """The corners of a box on the cover, from `low` to `high` above it."""
-    at = 0.5 * (first + last)
+def box(line: Line, finger: PneuNet, place: Place) -> np.ndarray:
+    """The corners of a chamber without pressure, standing on the cover."""
+    at, half, foot = 0.5 * (place.first + place.last), 0.5 * (place.last - place.first), 0.5 * float(finger.H) / mm
+    origin, along, normal = _frame(line, at, foot)
+    corners = [(-half, 0.0), (half, 0.0), (half, place.height), (-half, place.height)]
+    return np.array([origin + s * along + z * normal for s, z in corners])
+
+
+def _frame(line: Line, at: float, above: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A point `above` the middle line, mm, and the directions along the finger and away from the cover there."""
     x, y, theta = (np.interp(at, line["X"], line[name]) for name in ("x", "y", "theta"))
     along, normal = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    half, foot = 0.5 * (last - first), 0.5 * float(finger.H) / mm
-    corners = [(-half, low), (half, low), (half, high), (-half, high)]
-    return np.array([np.array([x, y]) + s * along + (foot + z) * normal for s, z in corners])
+    return np.array([x, y]) + above * normal, along, normal
 
 
-def paint_finger(ax: Axes, finger: PneuNet, line: Line, place: Place, bare: bool = False) -> None:
-    """A finger: filled, or as the grey outline of one without pressure."""
-    thickness = float(finger.H) / mm
-    solid: dict[str, Any] = {"facecolor": BLUE, "edgecolor": "white", "linewidth": 0.4, "zorder": 3}
-    outline: dict[str, Any] = {"fill": False, "edgecolor": GREY, "linewidth": 0.6, "zorder": 1}
-    for first, last, height, wall in chamber_places(finger):
-        shell = box(line, finger, first, last, 0.0, height)
-        ax.add_patch(Polygon(place(shell), closed=True, **(outline if bare else solid)))
-        if not bare:
-            air = box(line, finger, first + wall, last - wall, 0.0, height - wall)
-            ax.add_patch(Polygon(place(air), closed=True, facecolor=PALE, edgecolor="none", zorder=4))
-    cover = band(line, thickness)
-    ax.add_patch(Polygon(place(cover), closed=True, **(outline if bare else solid | {"zorder": 5})))
+class Inflated(NamedTuple):
+    """A chamber under pressure: the outer faces of its walls from the cover upwards, and the walls behind them, mm."""
+
+    near_clamp: np.ndarray
+    near_tip: np.ndarray
+    walls: list[np.ndarray]
+
+    def outline(self) -> np.ndarray:
+        return np.concatenate([self.near_clamp, self.near_tip[::-1]])
+
+
+def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = None) -> list[Inflated]:
+    """The chambers of a finger at a pressure (Pa); inflation (m): of its small-strain walls, where it has such."""
+    finger = scene.finger
+    places, foot = chamber_places(finger), 0.5 * float(finger.H) / mm
+    if not places:
+        return []
+    theta = np.interp([(p.begin, 0.5 * (p.first + p.last), p.end) for p in places], line["X"], line["theta"])
+    # Two walls for every chamber: towards the clamp, towards the tip. Chambers that bend forwards open.
+    leans = np.stack([theta[:, 0] - theta[:, 1], theta[:, 1] - theta[:, 2]], axis=1).ravel()
+    fields = {name: np.repeat([p.fields[name] for p in places], 2) for name in SEGMENT_FIELDS}
+    walls = walls_at(finger, leans, pressure, fields) if inflation is None else None
+    chambers = []
+    for k, place in enumerate(places):
+        faces, bodies = [], []
+        for side, at in enumerate((place.begin, place.end)):
+            wall, lean, a = 2 * k + side, float(leans[2 * k + side]), place.fields["a"]
+            if side == 1 and not place.has_neighbour:
+                middle, along, normal = _frame(line, 0.5 * (place.first + place.last), foot)
+                corner = middle + 0.5 * (place.last - place.first) * along
+                face = corner + np.linspace(0.0, place.height, 2)[:, None] * normal
+                body = thick(face, place.wall, -1.0)
+            else:
+                if walls is None:
+                    points, stretch = small_strain_outline(scene, float(inflation or 0.0), lean), 1.0
+                else:
+                    points, stretch = outline(walls, wall, a, lean), float(walls.stretch[wall])
+                origin, along, normal = _frame(line, at, foot)
+                away = along if side == 0 else -along
+                behind = wall_behind(points, place.fields["t_m"] / stretch**2)
+                face, body = (origin + p[:, :1] / mm * away + p[:, 1:] / mm * normal for p in (points, behind))
+            faces.append(face)
+            bodies.append(body)
+        chambers.append(Inflated(faces[0], faces[1], bodies))
+    return chambers
+
+
+def chambers_of(solution: Solution, line: Line) -> list[Inflated]:
+    """The chambers of a solved finger."""
+    scene: Any = solution.scene
+    small = isinstance(scene, SmallStrainChamber)
+    inflation = float(scene.finger.a * np.tan(float(solution.unknowns))) if small else None
+    return inflated(scene, line, float(solution.pressure), inflation)
+
+
+def paint_straight(ax: Axes, finger: PneuNet, line: Line, where: Where) -> None:
+    """The grey outline of a finger without pressure."""
+    look: dict[str, Any] = {"fill": False, "edgecolor": GREY, "linewidth": 0.6, "zorder": 1}
+    for place in chamber_places(finger):
+        ax.add_patch(Polygon(where(box(line, finger, place)), closed=True, **look))
+    ax.add_patch(Polygon(where(band(line, float(finger.H) / mm)), closed=True, **look))
+
+
+def paint_finger(ax: Axes, finger: PneuNet, line: Line, chambers: Sequence[Inflated], where: Where) -> None:
+    """A finger under pressure."""
+    for place, chamber in zip(chamber_places(finger), chambers, strict=True):
+        colour = BLUE if place.fits else VERMILION
+        look: dict[str, Any] = {"closed": True, "facecolor": colour, "edgecolor": "none", "zorder": 4}
+        outer = chamber.outline()
+        ax.add_patch(Polygon(where(outer), closed=True, facecolor=PALE, edgecolor="none", zorder=3))
+        roof = np.stack([chamber.near_clamp[-1], chamber.near_tip[-1]])
+        for part in (*chamber.walls, thick(roof, place.wall)):
+            ax.add_patch(Polygon(where(part), **look))
+        # A white line tells two walls apart that lie on each other.
+        ax.add_patch(Polygon(where(outer), closed=True, fill=False, edgecolor="white", linewidth=0.4, zorder=4.5))
+    cover = band(line, float(finger.H) / mm)
+    ax.add_patch(Polygon(where(cover), closed=True, facecolor=BLUE, edgecolor="white", linewidth=0.4, zorder=5))
+    tight = [place for place in chamber_places(finger) if not place.fits]
+    if tight:
+        room = tight[0].fields["h_L"] / mm
+        words = f"walls {tight[0].wall:.3g} mm thick do not fit\ninto chambers {room:.3g} mm long"
+        ax.legend([Patch(facecolor=VERMILION)], [words], loc="lower right", bbox_to_anchor=(1, 1))
 
 
 def as_is(points: np.ndarray) -> np.ndarray:
@@ -124,8 +242,8 @@ def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
     (ax,) = axes
     finger, line = scene.finger, line_of(solution)
     angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
-    paint_finger(ax, finger, straight(finger, angle), as_is, bare=True)
-    paint_finger(ax, finger, line, as_is)
+    paint_straight(ax, finger, straight(finger, angle), as_is)
+    paint_finger(ax, finger, line, chambers_of(solution, line), as_is)
     _paint_clamp(ax, finger, angle)
     if isinstance(scene, HeldTip):
         _paint_force(ax, np.array([line["x"][-1], line["y"][-1]]), np.array([0.0, -1.0]), float(solution.tip_force))
@@ -134,7 +252,8 @@ def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
 
 def _paint_clamp(ax: Axes, finger: PneuNet, angle: float) -> None:
     """A hatched wall behind the finger, and its face."""
-    foot, top = -0.5 * float(finger.H) / mm - 4, max((place[2] for place in chamber_places(finger)), default=0.0) + 6.5
+    highest = max((place.height for place in chamber_places(finger)), default=0.0)
+    foot, top = -0.5 * float(finger.H) / mm - 4, highest + 6.5
     along, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     corners = [foot * normal, top * normal, top * normal - 4 * along, foot * normal - 4 * along]
     ax.add_patch(Polygon(corners, closed=True, facecolor="none", edgecolor=BODY, hatch="/////", linewidth=0, zorder=2))
@@ -176,18 +295,19 @@ def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
     finger, line = scene.finger, line_of(solution)
     base = float(scene.gripper.base_radius) / mm
     tip = np.array([line["x"][-1], line["y"][-1]])
-    outline = np.array(object_outline(scene, tip))
-    both = np.concatenate([outline, outline[::-1] * [-1, 1]])
+    chambers = chambers_of(solution, line)
+    edge = np.array(object_outline(scene, tip))
+    both = np.concatenate([edge, edge[::-1] * [-1, 1]])
     ax.add_patch(Polygon(both, closed=True, facecolor=OBJECT_FACE, edgecolor=OBJECT_EDGE, linewidth=1.0, zorder=0))
     ax.plot([0, 0], [6, both[:, 1].min() - 4], color=OBJECT_EDGE, linewidth=0.7, linestyle=(0, (8, 2, 1, 2)), zorder=2)
     for side in (1, -1):
 
-        def place(points: np.ndarray, side=side) -> np.ndarray:
+        def where(points: np.ndarray, side=side) -> np.ndarray:
             return np.stack([side * (base + points[:, 1]), -points[:, 0]], axis=-1)
 
-        paint_finger(ax, finger, straight(finger, 0.0), place, bare=True)
-        paint_finger(ax, finger, line, place)
-        at = place(tip[None])[0]
+        paint_straight(ax, finger, straight(finger, 0.0), where)
+        paint_finger(ax, finger, line, chambers, where)
+        at = where(tip[None])[0]
         length = min(ARROW, WITHIN * (base + tip[1]))
         _paint_force(ax, at, np.array([-side, 0.0]), float(solution.tip_force), label=False, length=length)
     ax.text(
@@ -208,7 +328,7 @@ def plate_radius(scene: Any) -> float:
     """Of the plate that carries the fingers, mm: their clamped ends are on it."""
     finger = scene.finger
     base = float(scene.gripper.base_radius) / mm
-    return base + 0.5 * float(finger.H) / mm + max(place[2] for place in chamber_places(finger)) + 3
+    return base + 0.5 * float(finger.H) / mm + max((place.height for place in chamber_places(finger)), default=0.0) + 3
 
 
 def object_outline(scene: Any, tip: np.ndarray) -> list[tuple[float, float]]:
@@ -224,7 +344,9 @@ def object_outline(scene: Any, tip: np.ndarray) -> list[tuple[float, float]]:
     return [(0.0, -tip[0] + radius), (radius, -tip[0] + radius), (radius, -tip[0] - radius), (0.0, -tip[0] - radius)]
 
 
-def _faces_of_finger(finger: PneuNet, line: Line, base: float, around: float) -> list[tuple[np.ndarray, str]]:
+def _faces_of_finger(
+    finger: PneuNet, line: Line, chambers: Sequence[Inflated], base: float, around: float
+) -> list[tuple[np.ndarray, str]]:
     """(corners in space, colour) of the cover in short pieces and of every chamber."""
     half = 0.5 * float(finger.B) / mm
     outward, sideways = np.array([np.cos(around), np.sin(around), 0.0]), np.array([-np.sin(around), np.cos(around), 0])
@@ -241,9 +363,11 @@ def _faces_of_finger(finger: PneuNet, line: Line, base: float, around: float) ->
     outer, inner = cover[:POINTS], cover[POINTS:][::-1]
     for k in range(0, POINTS - 1, 10):
         faces += prism(np.array([outer[k], outer[k + 10], inner[k + 10], inner[k]]), half, BLUE)
-    width = np.max(np.asarray(finger.b)) / mm
-    for first, last, height, _ in chamber_places(finger):
-        faces += prism(box(line, finger, first, last, 0.0, height), width, PALE)
+    for place, chamber in zip(chamber_places(finger), chambers, strict=True):
+        walls = [face[:: max(1, len(face) // SPACE_POINTS)] for face in (chamber.near_clamp, chamber.near_tip)]
+        ends = chamber.near_clamp[-1:], chamber.near_tip[-1:]
+        section = np.concatenate([walls[0], *ends, walls[1][::-1]])
+        faces += prism(section, place.fields["b"] / mm, PALE)
     return faces
 
 
@@ -293,8 +417,9 @@ def _compose_grasp(solution: Solution) -> Figure:
     faces = _faces_around(object_outline(scene, tip), corners)
     reach = plate_radius(scene)
     faces += _faces_around([(0.0, PLATE), (reach, PLATE), (reach, 0.0), (0.0, 0.0)], colour=BODY)
+    chambers = chambers_of(solution, line)
     for k in range(scene.gripper.n):
-        faces += _faces_of_finger(scene.finger, line, base, 2 * np.pi * k / scene.gripper.n)
+        faces += _faces_of_finger(scene.finger, line, chambers, base, 2 * np.pi * k / scene.gripper.n)
     colours = [_shaded(corners, colour) for corners, colour in faces]
     space.add_collection3d(
         Poly3DCollection([corners for corners, _ in faces], facecolors=colours, edgecolors=colours, linewidths=0.3)

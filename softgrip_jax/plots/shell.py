@@ -15,9 +15,13 @@ from ..shell.flat import FlatContact, InclinedContact
 from ..shell.flat_shell import ShellScene
 from ..units import mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, paints
+from .walls import thick
 
 RIM = 4.0
 """mm of the rigid shell that a picture shows around and under the membrane."""
+
+FACE = 0.8
+"""Width in points of the line along the outer face of a membrane: without it a thin one would not be seen."""
 
 POINTS = 301
 """Points on a membrane: a corner of its profile is off by less than a line's width."""
@@ -30,6 +34,12 @@ def _paint_shell(solution: Solution, axes: Sequence[Axes]) -> None:
     _paint_section(axes[1], solution, "width", shape["x"], shape["z"])
 
 
+def thickness_of(solution: Solution) -> float:
+    """Of the stretched membrane, mm: its material keeps its volume, t_m / (lambda_1 lambda_2)."""
+    scene: Any = solution.scene
+    return float(scene.shell.t_m) / mm / float(np.prod([float(x) for x in scene.stretches(solution.unknowns)]))
+
+
 def _paint_section(ax: Axes, solution: Solution, view: str, s: np.ndarray, z: np.ndarray) -> None:
     scene: Any = solution.scene
     half = float(scene.shell.b if view == "length" else scene.shell.a) / mm
@@ -38,7 +48,10 @@ def _paint_section(ax: Axes, solution: Solution, view: str, s: np.ndarray, z: np
     body = {"facecolor": BODY, "edgecolor": "none", "zorder": 1}
     ax.add_patch(Rectangle((-half - RIM, -RIM), 2 * (half + RIM), RIM, **body))
     ax.plot([-half, half], [0, 0], color="white", linewidth=1, linestyle=(0, (4, 3)), zorder=2)
-    ax.plot(s, z, color=BLUE, linewidth=2, solid_capstyle="round", zorder=4)
+    # The model's surface is the one that touches: the membrane is drawn below it, as thick as its stretches leave it.
+    sheet = thick(np.stack([s, z], axis=-1), thickness_of(solution))
+    ax.add_patch(Polygon(sheet, closed=True, facecolor=BLUE, edgecolor="none", zorder=3))
+    ax.plot(s, z, color=BLUE, linewidth=FACE, solid_capstyle="round", zorder=4)
     ax.plot([-half, half], [0, 0], "s", color="black", markersize=3.5, zorder=5)
 
 

@@ -1,4 +1,5 @@
-"""Parameter studies as pictures: curves over one varied number, maps over two, bars of elasticities.
+"""Parameter studies as pictures: curves over one varied number, maps over two, parallel axes of more or of designs that
+are no grid, bars of elasticities.
 
 Where a design has no answer nothing is drawn: the region is hatched, and the legend says what its status is.
 """
@@ -12,11 +13,14 @@ import matplotlib as mpl
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ..errors import InputError
 from ..results import Status
+from ..study.dataset import DESIGN
 from ..units import DISPLAY
 from .figures import BLUE, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 
@@ -34,13 +38,20 @@ PANEL_HEIGHT = 2.3
 
 
 def study(data: xr.Dataset) -> Figure:
-    """A grid over one or two numbers (`softgrip_jax.study`): a panel for every observable or, of maps, quantity."""
+    """A study (`softgrip_jax.study`). A grid over one or two numbers has a panel for every observable or, of maps,
+    quantity; a grid over more, or designs that are no grid, have one axis for every varied number and every quantity,
+    and a line through them for every design."""
     names = [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
     sizes = {name: data.sizes[name] for name in data[names[0]].dims}
     axes = [str(name) for name, size in sizes.items() if size > 1]
+    if DESIGN in sizes:
+        return _parallel(data, [str(name) for name in data.coords if data[name].dims == (DESIGN,)], names)
+    if len(axes) > 2:
+        flat = data[[*names, *{data[name].attrs["status"] for name in names}]].stack({DESIGN: axes}, create_index=False)
+        return _parallel(flat, axes, names)
     data = data.isel({name: 0 for name in sizes if name not in axes})
-    if len(axes) not in (1, 2):
-        raise InputError(f"A picture shows one or two varied numbers; this study is a grid over {len(axes)}.")
+    if not axes:
+        raise InputError("A picture of a study needs a number that varies; this study is of one design.")
     if len(axes) == 2:
         return _figure(len(names), lambda k, ax: _map(data, names[k], axes, ax))
     groups: dict[str, list[str]] = {}
@@ -155,6 +166,111 @@ NOTHING = 1e-6
 """Elasticities below this are the rounding of derivatives: a number that does not matter gets no bar."""
 
 
+def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) -> Figure:
+    """One axis for every varied number and, to the right, for every quantity; a line for every design, in the colour of
+    its first quantity. Grey lines are designs that have no answer; of many designs some are drawn."""
+    count = data.sizes[DESIGN]
+    chosen = np.linspace(0, count - 1, min(count, LINES_DRAWN)).round().astype(int)
+    # Evenly spaced rows of a grid would all have the same last number.
+    if count > LINES_DRAWN:
+        chosen = np.sort(np.random.default_rng(0).choice(count, LINES_DRAWN, replace=False))
+    columns, labels = [], []
+    for name in [*numbers, *names]:
+        unit = DISPLAY[data[name].attrs["kind"]]
+        columns.append(np.asarray(data[name], dtype=float)[chosen] / unit[1])
+        labels.append(_stacked(data[name].attrs["long_name"] if name in names else name, unit[0]))
+    rows = np.stack(columns, axis=1)
+    status = np.stack([np.asarray(data[data[name].attrs["status"]])[chosen] for name in names], axis=1)
+    answered = np.all(status == Status.OK, axis=1) & np.all(np.isfinite(rows), axis=1)
+    spans = [_ends(column) for name, column in zip([*numbers, *names], rows.T, strict=True)]
+    logs = [k < len(numbers) and _spread_by_factors(column) for k, column in enumerate(rows.T)]
+    places = np.stack([_place(c, s, log) for c, s, log in zip(rows.T, spans, logs, strict=True)], axis=1)
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(max(0.6 * WIDTH, 1.0 + 1.15 * rows.shape[1]), 3.6))
+        ax = figure.subplots()
+        steps = np.arange(rows.shape[1])
+        for line in places[~answered]:
+            shown = np.isfinite(line)
+            ax.plot(steps[shown], line[shown], color="#BBBBBB", linewidth=0.5, alpha=0.6, zorder=1)
+        if answered.any():
+            by = rows[:, len(numbers)]
+            low, high = spans[len(numbers)]
+            colours = mpl.colormaps["viridis"]((by[answered] - low) / (high - low))
+            lines = LineCollection(
+                [np.stack([steps, line], axis=1) for line in places[answered]],
+                colors=colours,
+                linewidths=0.7,
+                alpha=0.75,
+                zorder=2,
+            )
+            ax.add_collection(lines)
+        for step, (low, high), log in zip(steps, spans, logs, strict=True):
+            ax.axvline(step, color="black", linewidth=0.8, zorder=3)
+            for tick in np.linspace(0, 1, TICKS):
+                value = low * (high / low) ** tick if log else low + tick * (high - low)
+                box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8}
+                side = -1 if step == steps[-1] else 1
+                where = {"ha": "right" if side < 0 else "left", "va": "center", "fontsize": 7}
+                ax.plot([step, step + 0.03 * side], [tick, tick], color="black", linewidth=0.8, zorder=3)
+                ax.text(step + 0.05 * side, tick, f"{value:.3g}", bbox=box, zorder=4, **where)
+        ax.set(xlim=(-0.35, steps[-1] + 0.35), ylim=(-0.04, 1.04), yticks=[])
+        ax.set_xticks(steps, labels)
+        ax.tick_params(axis="x", length=0)
+        ax.spines[:].set_visible(False)
+        ax.set_title(_title_of(data, names[0], count, len(chosen)), loc="left")
+        kinds = [s for s in HATCHES if np.any(status == s)]
+        if kinds:
+            words = "grey: " + ", ".join(status_words(s) for s in kinds)
+            ax.legend([Line2D([], [], color="#BBBBBB")], [words], loc="lower right", bbox_to_anchor=(1, 1))
+    return figure
+
+
+LINES_DRAWN = 400
+"""Designs in a picture with parallel axes: more lines hide each other."""
+TICKS = 5
+"""On each parallel axis."""
+LONGEST = 14
+"""Letters in a line under a parallel axis."""
+
+
+def _title_of(data: xr.Dataset, name: str, count: int, drawn: int) -> str:
+    designs = f"{count} designs" if drawn == count else f"{drawn} of {count} designs"
+    return f"{designs}, coloured by {data[name].attrs['long_name']}"
+
+
+def _stacked(words: str, unit: str) -> str:
+    """A label in short lines: names of numbers break after a dot, quantities between words."""
+    lines = [""]
+    for part in words.replace(".", ". ").split():
+        glue = "" if not lines[-1] or lines[-1].endswith(".") else " "
+        if len(lines[-1]) + len(glue) + len(part) > LONGEST and lines[-1]:
+            lines.append(part)
+        else:
+            lines[-1] += glue + part
+    return "\n".join([*lines, f"({unit})"] if unit else lines)
+
+
+def _ends(values: np.ndarray) -> tuple[float, float]:
+    """What an axis shows: all finite values, and some room where they are one and the same."""
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return 0.0, 1.0
+    low, high = float(known.min()), float(known.max())
+    return (low, high) if high > low else (low - 0.5 * max(abs(low), 1.0), high + 0.5 * max(abs(high), 1.0))
+
+
+def _place(values: np.ndarray, ends: tuple[float, float], log: bool) -> np.ndarray:
+    """Where on its axis a value is, 0 to 1."""
+    low, high = ends
+    return np.log(values / low) / np.log(high / low) if log else (values - low) / (high - low)
+
+
+def _spread_by_factors(values: np.ndarray) -> bool:
+    """True for positive values over more than a decade whose middle is nearer to the geometric mean of the ends."""
+    low, high, middle = float(values.min()), float(values.max()), float(np.median(values))
+    return bool(low > 0 and high > 10 * low and middle < 0.5 * (np.sqrt(low * high) + 0.5 * (low + high)))
+
+
 def elasticities(data: xr.Dataset) -> Figure:
     """Bars of the elasticities of a sensitivity analysis: a panel per quantity, the strongest number on top."""
     quantities = [str(v) for v in data["quantity"].values]
@@ -172,7 +288,7 @@ def elasticities(data: xr.Dataset) -> Figure:
             colours = [BLUE if v >= 0 else VERMILION for v in values[order]]
             ax.barh([numbers[k] for k in order], values[order], color=colours, height=0.7)
             ax.axvline(0, color="black", linewidth=0.8)
-            ax.margins(x=0.22)
+            ax.margins(x=0.3)
             labels = [f"{v:+.2f}" if v else "0" for v in values[order]]
             ax.bar_label(ax.containers[0], labels=labels, padding=2, fontsize=7)  # type: ignore[arg-type]
             if not values.any():

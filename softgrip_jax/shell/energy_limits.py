@@ -77,7 +77,8 @@ def limit_pressure_from(scene: EnergyScene, found: Found) -> Scalar:
 
 
 def branch(scene: EnergyScene, n: int) -> Solution:
-    """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance.
+    """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance, or up to the
+    end of the branch where that is no limit point.
 
     Behind the limit these are equilibria at a given displacement.
     """
@@ -87,7 +88,8 @@ def branch(scene: EnergyScene, n: int) -> Solution:
     low = zero + FIRST_LOAD
     begun = fixed.follow(fixed.rest(), zero, fixed.first_guess(low), low)
     first = jnp.concatenate([begun.y, begun.multipliers])
-    length = (BRANCH * jnp.linalg.norm(limit.unknowns) - jnp.linalg.norm(first)) / (n - 1)
+    reach = jnp.where(limit.iterations == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
+    length = (reach - jnp.linalg.norm(first)) / (n - 1)
 
     def next_point(state, first):
         unknowns, load, along, rise, alive = state
@@ -111,4 +113,4 @@ def branch(scene: EnergyScene, n: int) -> Solution:
         found = fixed.settled(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
         return fixed._report(unknowns, load * fixed.unit(), found)
 
-    return jax.vmap(report, out_axes=Solution(None, 0, 0, 0, 0, 0, 0, 0, 0, 0))(points, loads, alive)  # type: ignore[arg-type]
+    return jax.vmap(report)(points, loads, alive)

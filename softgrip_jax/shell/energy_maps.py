@@ -73,12 +73,22 @@ def places(scene: EnergyScene, y: Vector, points: Any) -> Float[Array, "m 3"]:
 
 
 def profile(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:
-    """x, z across the width at the middle, y, z_length along the length, m: the middle surface."""
+    """x, z across the width at the middle, y, z_length along the length, m: the middle surface. With `_face` the outer
+    face, which touches, seen from where it is at rest, as objects are placed: half the thickness above the middle."""
     line, zero = np.linspace(-1, 1, n), np.zeros(n)
-    y = scene.split(unknowns)[0]
-    across, along = np.stack([line, zero], axis=1), np.stack([zero, line], axis=1)
-    seen = [places(scene, y, points) * scene.shell.a for points in (across, along)]
-    return {"x": seen[0][:, 0], "z": seen[0][:, 2], "y": seen[1][:, 1], "z_length": seen[1][:, 2]}
+    y, shell = scene.split(unknowns)[0], scene.shell
+    found = {}
+    for axis, names, points in (
+        (0, ("x", "z"), np.stack([line, zero], axis=1)),
+        (1, ("y", "z_length"), np.stack([zero, line], axis=1)),
+    ):
+        e = scene.functional.deformed(y, at_points(scene.grid, points))
+        at = _strains(scene, e, points)[0]
+        faces = jax.vmap(lambda at: at.face(shell.t_m / shell.a))(at)
+        for name, component in zip(names, (axis, 2), strict=True):
+            found[name] = shell.a * at.place[:, component]
+            found[f"{name}_face"] = shell.a * faces[:, component]
+    return found
 
 
 def surface(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:

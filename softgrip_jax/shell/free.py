@@ -15,6 +15,11 @@ FREE_END = jnp.pi * (1 - 1e-9)
 """A free arc closes to a full circle (infinite radius and stretch) at pi: the interval ends just before."""
 
 
+LARGEST_INFLATION = 10.0
+"""Half widths: as large as a branch is drawn, several times the actuator. A membrane that does not stiffen would go on
+for ever at almost no pressure, and one that stiffens late at almost the same pressure."""
+
+
 class Free(ShellScene):
     """The membrane inflates into free space (thesis 3.2). The angle is theta_m.
 
@@ -37,6 +42,9 @@ class Free(ShellScene):
     def geometry(self):
         zero = jnp.zeros_like(self.shell.a)
         return zero, zero + FREE_END
+
+    def largest_angle(self):
+        return 2 * jnp.arctan(LARGEST_INFLATION + jnp.zeros_like(self.shell.a))
 
     def stretches(self, angle):
         l1 = angle_over_sine(angle)
