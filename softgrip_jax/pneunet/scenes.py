@@ -47,6 +47,9 @@ class HeldTip(FingerScene):
         """EI / L^2, N: the scale of the tip force."""
         return self.stiffness() / self.finger.L**2
 
+    def held_at(self, x):
+        return self.offset_at(x * self.finger.L) / self.finger.L
+
     def tip_loads(self, held, share):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
