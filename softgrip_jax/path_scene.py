@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .checked import choice
 from .numerics.paths import BIFURCATION, FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
@@ -173,7 +173,7 @@ class PathScene(Scene):
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 
     def _sought(self, name: str, target: Scalar, settled: Callable[[Found], Found]) -> tuple[Vector, Found]:
-        """The unknowns and, last, the pressure (Pa) where an observable has its wanted value, with their derivatives."""
+        """The unknowns and, last, the pressure (Pa) where an observable has its wanted value, with derivatives."""
         fixed, value = frozen((self, target))
         span = fixed.pressure_span()
         legs = fixed._legs_together if self.loading == "proportional" else fixed._legs
@@ -283,12 +283,13 @@ class PathScene(Scene):
 
 
 class _Surplus(NamedTuple):
-    """A `Goal`: an observable less its target, over the target."""
+    """A `Goal`: an observable less its target, over the target (in SI where that is zero)."""
 
     name: str
 
     def __call__(self, target: Scalar, _: Any, observed: dict[str, Array]) -> Scalar:
-        return (observed[self.name] - target) / jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
+        size = jnp.abs(lax.stop_gradient(target))
+        return (observed[self.name] - target) / jnp.where(size > 0, jnp.maximum(size, 1e-12), 1.0)
 
 
 def _to_moderate(span: Span) -> tuple[Ray, Scalar]:

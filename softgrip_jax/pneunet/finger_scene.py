@@ -136,6 +136,12 @@ class FingerScene(PathScene):
     section: law of the cover: "exact", "thesis" or "inextensible". inclination: how the chambers' walls incline as the
     finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
     chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
+
+    loading: the way on which a state is reached decides which one it is, and whether there is one. "first": weight and
+    pulls grow from nothing to their full size, then the pressure. "proportional": weight, pulls and tip offset grow in
+    proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
+    too heavy to be held without pressure may be held with it. Questions without a pressure of their own
+    (`limit_pressure`, `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
     """
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper

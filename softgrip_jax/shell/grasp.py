@@ -42,7 +42,7 @@ def tilt_moment(c_a: Scalar, c_b: Scalar, shear: Scalar, lever: str = "exact") -
 def _rim_lengths(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
     """int_0^{pi/2} r dphi and int_0^{pi/2} r cos^2(phi) dphi, r = sqrt(a^2 cos^2 + b^2 sin^2); a, b > 0.
 
-    These are a E and a ((1 + k^2) E - (1 - k^2) K) / (3 k^2), complete elliptic integrals with k^2 = 1 - (b/a)^2, by the
+    They are a E and a ((1 + k^2) E - (1 - k^2) K) / (3 k^2), elliptic integrals with k^2 = 1 - (b/a)^2, by the
     arithmetic-geometric mean (Abramowitz and Stegun 17.6): K = pi / (2 mean), 1 - E/K = k^2/2 + sum 2^(n-1) c_n^2, with
     a = 1 and c_1 = (1 - b)/2. The differences c_n follow from each other without cancellation, c_{n+1} = c_n^2 / (4
     a_{n+1}), and k^2 is divided out by hand, so that a circle (k = 0) is a point like any other.
