@@ -9,18 +9,20 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .numerics.paths import FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
-from .numerics.roots import implicit
+from .checked import choice
+from .numerics.paths import BIFURCATION, FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
+from .numerics.roots import implicit, select
+from .reasons import Reason
 from .results import Status, gate
 from .scene import FALLEN, Found, Scene, frozen
+from .spans import BEGINNING, Ray, Span, onwards, proportional
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -28,53 +30,26 @@ Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
 """(what it needs, point u, what is observed there) -> a number that rises through zero where a search ends."""
 
 
-LATER = 2.0
-"""Where the moment of type A and C begins to grow with x rather than with its square: 2.3 and 1.9."""
-BEGINNING = 1e-3
-"""Of the way under pressure, where it begins to be followed."""
+class Search(NamedTuple):
+    """Where a search along the path ended, and why."""
 
-
-class Span(eqx.Module):
-    """Pressures, Pa, and their places on the path, which begins with the external loads."""
-
-    loading: Scalar
-    """Where the loads have arrived and the pressure begins to act: 1, more for loads that are large, 0 without any."""
-    begin: Scalar
-    step: Scalar
-    """A typical change of pressure: the unit along the path."""
-    end: Scalar
-    """Where the actuator's own model ends."""
-    early: Scalar
-    """How fast the way goes at first: the place is x (x + early) / (x + LATER) at begin + step x. What chambers do
-    grows with the square of x before it grows with x, and so does the place where this is small; at LATER it is x."""
-
-    def place_of(self, pressure: Scalar) -> Scalar:
-        """The last entry of u at a pressure."""
-        x = jnp.maximum(pressure - self.begin, 0) / self.step
-        return self.loading + x * (x + self.early) / (x + LATER)
-
-    def last(self) -> Scalar:
-        """The place of `end`."""
-        return self.place_of(self.end)
-
-    def pressure_at(self, u: Vector) -> Scalar:
-        """The pressure at a point of the path."""
-        place = jnp.maximum(u[-1] - self.loading, 0)
-        half = 0.5 * (place - self.early)
-        return self.begin + self.step * (half + jnp.sqrt(half * half + LATER * place))
-
-    def drive_at(self, u: Vector) -> Any:
-        """What `measured` needs to know of the pressure there."""
-        return self.pressure_at(u)
-
-    def share_at(self, u: Vector) -> Scalar:
-        """The share of the loads there: they arrive with zero slope, no kink for the tangent."""
-        arrived = jnp.where(self.loading > 0, u[-1] / jnp.where(self.loading > 0, self.loading, 1), 1)
-        return 1 - (1 - jnp.minimum(arrived, 1)) ** 2
+    u: Vector
+    status: Int[Array, ""]
+    iterations: Int[Array, ""]
+    reason: Int[Array, ""]
+    detail: Scalar
 
 
 class PathScene(Scene):
     """A scene that solves `measured(unknowns, share, pressure)[0] = 0`; share in [0, 1] scales its external loads."""
+
+    loading: str = choice("first", "proportional", default="first", kw_only=True)
+    """How the way to a state goes: "first", all external loads before any pressure; "proportional", loads and pressure
+    together. Where both arrive they arrive at the same state, unless the loads alone would snap or buckle."""
+
+    def end_reason(self) -> Reason:
+        """What ends the model at `Span.end`."""
+        return Reason.NO_EQUILIBRIUM
 
     @abc.abstractmethod
     def rest(self) -> Vector:
@@ -114,8 +89,8 @@ class PathScene(Scene):
         """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
         return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
 
-    def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> tuple[Vector, Array, Array]:
-        """(point u, status, iterations) where goal(context, ...) rises through zero along the path from `start`."""
+    def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> Search:
+        """Where goal(context, ...) rises through zero along the path from `start`."""
 
         def equations(u, args):
             scene, context, span = args
@@ -125,22 +100,40 @@ class PathScene(Scene):
         # Where the pressure alone acts the path is nearly straight.
         first = jnp.where(start[-1] >= span.loading, LARGEST_STEP, FIRST_STEP)
         end = follow(equations, start, (self, context, span), first)
-        status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
-        status = jnp.where(end.reason == FOLD, Status.BEYOND_LIMIT, status)
-        # A fold before the pressure acts: the other loads alone have no equilibrium.
+        folded = end.reason == FOLD
+        # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
+        # them the state beyond is not stable.
         is_loading = end.u[-1] <= span.loading
-        status = jnp.where((status == Status.BEYOND_LIMIT) & is_loading, Status.IMPOSSIBLE, status)
+        not_held = is_loading & (folded | (end.reason == BIFURCATION))
+        together = self.loading == "proportional"
+        folded &= ~is_loading
+        status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
+        without = Status.BEYOND_LIMIT if together else Status.IMPOSSIBLE
+        status = jnp.where(folded, Status.BEYOND_LIMIT, jnp.where(not_held, without, status))
+        why = Reason.LOADS_AND_PRESSURE_NOT_HELD if together else Reason.LOAD_NOT_HELD
+        reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), 0))
+        detail = jnp.where(not_held, span.share_at(end.u), jnp.nan)
+        detail = jnp.where(folded, span.pressure_at(end.u, folded), detail)
         possible = self.can_exist()
-        return end.u, jnp.where(possible, status, Status.IMPOSSIBLE), end.iterations
+        status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
+        return Search(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
 
     def find(self, pressure):
         span = self.pressure_span()
-        wanted = span.place_of(pressure)
-        reachable = jnp.minimum(wanted, span.last())
-        u, status, steps = self._search(self._begun(self._start(span), span, reachable), _to_place, reachable, span)
-        status = jnp.where((status == Status.OK) & (wanted > reachable), Status.BEYOND_LIMIT, status)
-        possible = (pressure >= 0) & (pressure < jnp.inf)
-        return Found(u[:-1], pressure, jnp.where(possible, status, Status.IMPOSSIBLE), steps)
+        if self.loading == "proportional":
+            ray = proportional(span, jnp.minimum(pressure, span.end))
+            found, beyond = self._search(self._start(span), _to_place, ray.loading, ray), pressure > span.end
+        else:
+            wanted = span.place_of(pressure)
+            reachable = jnp.minimum(wanted, span.last())
+            start = self._begun(self._start(span), span, reachable)
+            found, beyond = self._search(start, _to_place, reachable, span), wanted > reachable
+        ended = (found.status == Status.OK) & beyond
+        status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
+        reason = jnp.where(ended, int(self.end_reason()), found.reason)
+        detail = jnp.where(ended, span.end, found.detail)
+        u, steps = found.u, found.iterations
+        return asked_for(pressure, Found(u[:-1], pressure, status, steps, reason=reason, detail=detail))
 
     def onset(self):
         return self.pressure_span().begin
@@ -148,9 +141,16 @@ class PathScene(Scene):
     def find_limit(self):
         """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
         span = self.pressure_span()
-        u, status, _ = self._search(self._begun(self._start(span), span), _to_place, span.last(), span)
+        start, way, last, before = self._begun(self._start(span), span), span, span.last(), None
+        if self.loading == "proportional":
+            ray, moderate = _to_moderate(span)
+            before = self._search(self._start(span), _to_place, ray.loading, ray)
+            start, way, last = before.u.at[-1].set(0.0), onwards(ray, moderate), (span.end - moderate) / span.step
+        u, status, _, _, fold = self._search(start, _to_place, last, way)
+        if before is not None:
+            status = jnp.where(before.status == Status.OK, status, Status.IMPOSSIBLE)
         at_fold = status == Status.BEYOND_LIMIT
-        pressure = jnp.where(at_fold, span.pressure_at(u), span.end)
+        pressure = jnp.where(at_fold, fold, span.end)
         return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
 
     def limit_pressure_from(self, found):
@@ -167,57 +167,110 @@ class PathScene(Scene):
         return jnp.where(ok, jnp.where(found.iterations == 1, fold, end), jnp.nan)
 
     def solve_for(self, name, target):
+        point, found = self._sought(name, target, self.settled)
+        solution = self._report(point[:-1], point[-1], found)
+        no_answer = jnp.where(found.reason == Reason.VALUE_PASSED, found.pressure, jnp.nan)
+        return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
+
+    def _sought(self, name: str, target: Scalar, settled: Callable[[Found], Found]) -> tuple[Vector, Found]:
+        """The unknowns and, last, the pressure (Pa) where an observable has its wanted value, with derivatives."""
         fixed, value = frozen((self, target))
         span = fixed.pressure_span()
-
-        def surplus(target, _, observed):
-            return (observed[name] - target) / jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
-
-        def walk(u, is_loading):
-            """First to where the pressure begins to act, then to the target: one program for both."""
-
-            def goal(context, u, observed):
-                is_loading, value, loading = context
-                return jnp.where(is_loading, u[-1] - loading, surplus(value, u, observed))
-
-            u = jnp.where(is_loading, u, fixed._begun(u, span))
-            u, *found = fixed._search(u, goal, (is_loading, value, span.loading), span)
-            return u.at[-1].set(jnp.where(is_loading, span.loading, u[-1])), (u, *found)
-
-        u, (points, statuses, counts) = lax.scan(walk, fixed._start(span), jnp.array([True, False]))
-        seen = lax.map(lambda u: fixed.evaluated(u[:-1], span.pressure_at(u)), points.at[1].set(u))
-        over = jax.vmap(partial(surplus, value, u))(seen[1])
-        reached = jnp.where(over[0] >= 0, Status.NO_CONTACT, statuses[1])
-        status = jnp.where(statuses[0] == Status.OK, reached, statuses[0])
-        pressure = span.pressure_at(u)
-        status = jnp.where((status == Status.OK) & (pressure > span.end), Status.BEYOND_LIMIT, status)
-        status = jnp.where(jnp.isfinite(value), status, Status.IMPOSSIBLE)
-        mismatch = jnp.where(status == Status.OK, over[1], 0.0)
-        there = jax.tree.map(lambda v: v[1], seen)
-        found = fixed.settled(Found(u[:-1], pressure, status, jnp.sum(counts), mismatch, seen=there))
-        step, status = span.step, found.status
-
-        scene, target = gate(status == Status.OK, (self, target))
+        legs = fixed._legs_together if self.loading == "proportional" else fixed._legs
+        (loaded, reached), pressures = legs(_Surplus(name), value, span)
+        points = jnp.stack([loaded.u, reached.u])[:, :-1]
+        seen = lax.map(lambda at: fixed.evaluated(*at), (points, pressures))
+        over = jax.vmap(partial(_Surplus(name), value, None))(seen[1])
+        pressure = pressures[1]
+        no_pressure = (over[0] >= 0) & (self.loading == "first")
+        if self.loading == "proportional":
+            no_pressure = (reached.status == Status.OK) & (pressure <= 0)
+        ended = ~no_pressure & (reached.status == Status.OK) & (pressure > span.end)
+        status = jnp.where(no_pressure, Status.NO_CONTACT, jnp.where(ended, Status.BEYOND_LIMIT, reached.status))
+        reason = jnp.where(status == Status.BEYOND_LIMIT, int(Reason.VALUE_NOT_REACHED), reached.reason)
+        reason = jnp.where(no_pressure, int(Reason.VALUE_PASSED), reason)
+        detail = jnp.where(ended, span.end, jnp.where(no_pressure, span.begin, reached.detail))
+        held = loaded.status == Status.OK
+        status, reason = jnp.where(held, status, loaded.status), jnp.where(held, reason, loaded.reason)
+        meant = jnp.isfinite(value)
+        found = Found(
+            points[1],
+            jnp.where(status == Status.NO_CONTACT, span.begin, pressure),
+            jnp.where(meant, status, Status.IMPOSSIBLE),
+            loaded.iterations + reached.iterations,
+            jnp.where((status == Status.OK) & meant, over[1], 0.0),
+            seen=jax.tree.map(lambda v: v[1], seen),
+            reason=jnp.where(meant, reason, int(Reason.PRESSURE_RULE)),
+            detail=jnp.where(meant, jnp.where(held, detail, loaded.detail), jnp.nan),
+        )
+        found, step = settled(found), span.step
+        scene, target = gate(found.status == Status.OK, (self, target))
 
         def equations(point, args):
             scene, target, step = args
-            p = point[-1] * step
-            residual, observed = scene.evaluated(point[:-1], p)
-            return jnp.append(residual, surplus(target, point, observed))
+            residual, observed = scene.evaluated(point[:-1], point[-1] * step)
+            return jnp.append(residual, _Surplus(name)(target, point, observed))
 
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
-        solution = self._report(point[:-1], point[-1] * step, found)
-        no_answer = jnp.where(status == Status.NO_CONTACT, span.begin, jnp.nan)
-        return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
+        return point.at[-1].multiply(step), found
+
+    def _legs(self, surplus: Goal, value: Scalar, span: Span) -> tuple[tuple[Search, Search], Float[Array, " 2"]]:
+        """First to where the pressure begins to act, then to the target, and the pressures there."""
+
+        def goal(context, u, observed):
+            is_loading, value, loading = context
+            return jnp.where(is_loading, u[-1] - loading, surplus(value, u, observed))
+
+        def leg(u, is_loading):
+            """One program for both."""
+            u = jnp.where(is_loading, u, self._begun(u, span))
+            found = self._search(u, goal, (is_loading, value, span.loading), span)
+            u = found.u.at[-1].set(jnp.where(is_loading, span.loading, found.u[-1]))
+            return u, (found._replace(u=u), span.pressure_at(u))
+
+        _, (both, pressures) = lax.scan(leg, self._start(span), jnp.array([True, False]))
+        loaded, reached = (jax.tree.map(lambda v, k=k: v[k], both) for k in (0, 1))
+        return (loaded, reached), pressures
+
+    def _legs_together(self, surplus: Goal, value: Scalar, span: Span):
+        """As `_legs`: first to a moderate pressure and all of the loads at once, then with the loads to the target,
+        at a higher or a lower pressure. What is not found down to no pressure ends there."""
+        ray, moderate = _to_moderate(span)
+
+        def goal(context, u, observed):
+            is_loading, value, loading, down, last = context
+            over = surplus(value, u, observed)
+            over = jnp.where(down, jnp.maximum(-over, u[-1] - last), over)
+            return jnp.where(is_loading, u[-1] - loading, over)
+
+        def leg(u, is_loading):
+            """One program for both."""
+            observed = _measured(self, u[:-1], jnp.ones_like(moderate), moderate)[1]
+            down = ~is_loading & (surplus(value, u, observed) >= 0)
+            way = select(is_loading, ray, onwards(ray, moderate, down))
+            context = (is_loading, value, ray.loading, down, moderate / span.step)
+            found = self._search(u.at[-1].set(0.0), goal, context, way)
+            # Where no pressure is left, rounding must not leave a little of it.
+            pressure = jnp.where(down & (found.u[-1] >= context[-1]), 0.0, way.pressure_at(found.u))
+            return found.u, (found, jnp.where(is_loading, moderate, pressure))
+
+        _, (both, pressures) = lax.scan(leg, self._start(span), jnp.array([True, False]))
+        loaded, reached = (jax.tree.map(lambda v, k=k: v[k], both) for k in (0, 1))
+        return (loaded, reached), pressures
 
     def branch(self, n):
-        """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point.
+        """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point; where
+        loads and pressure grow together, from the moderate pressure where they have arrived.
 
         The path is followed twice: to see where it turns and where it is to end, and once more with the limit point on
         one of the points.
         """
         span = self.pressure_span()
-        loaded, status, _ = self._search(self._start(span), _to_place, span.loading, span)
+        ray, moderate = _to_moderate(span)
+        together = self.loading == "proportional"
+        way = ray if together else span
+        loaded, status, *_ = self._search(self._start(span), _to_place, way.loading, way)
+        span = onwards(ray, moderate) if together else span
         begun = self._begun(loaded.at[-1].set(span.loading), span)
         # A coarse curve is a part of one that is fine enough to see where it turns.
         finer = -(-BRANCH_POINTS // (n - 1))
@@ -270,6 +323,33 @@ def branch_marks(
     fold = middle + 0.5 * (low - after) / jnp.where(bend == 0, 1.0, bend)
     end = last.astype(fold.dtype)
     return jnp.where(turned & (fold < end), fold, end), end
+
+
+class _Surplus(NamedTuple):
+    """A `Goal`: an observable less its target, over the target (in SI where that is zero)."""
+
+    name: str
+
+    def __call__(self, target: Scalar, _: Any, observed: dict[str, Array]) -> Scalar:
+        size = jnp.abs(lax.stop_gradient(target))
+        return (observed[self.name] - target) / jnp.where(size > 0, jnp.maximum(size, 1e-12), 1.0)
+
+
+def _to_moderate(span: Span) -> tuple[Ray, Scalar]:
+    """To all loads at a moderate pressure (Pa), one that bends by about a radian: there questions that name no pressure
+    begin where loads and pressure grow together."""
+    moderate = jnp.minimum(span.begin + span.step, 0.5 * (span.begin + span.end))
+    return proportional(span, moderate), moderate
+
+
+def asked_for(pressure: Scalar, found: Found) -> Found:
+    """What was found, IMPOSSIBLE where nothing can be meant by the pressure."""
+    meant = (pressure >= 0) & (pressure < jnp.inf)
+    return found._replace(
+        status=jnp.where(meant, found.status, Status.IMPOSSIBLE),
+        reason=jnp.where(meant, found.reason, int(Reason.PRESSURE_RULE)),
+        detail=jnp.where(meant, found.detail, jnp.nan),
+    )
 
 
 @jax.jit

@@ -36,6 +36,9 @@ class Reason(enum.IntEnum):
     LOAD_NOT_HELD = 9
     VALUE_NOT_REACHED = 10
     NO_EQUILIBRIUM = 11
+    VALUE_PASSED = 12
+    TIPS_APART = 13
+    LOADS_AND_PRESSURE_NOT_HELD = 14
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
     FIELD_RULE = 30
@@ -52,6 +55,7 @@ class Reason(enum.IntEnum):
     CLEAR_OF_OBJECT = 106
     CLEAR_OF_PALM = 107
     FINGERS_APART = 108
+    TIP_IN_REACH = 120
 
     @property
     def rule(self) -> str | None:
@@ -120,6 +124,22 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "no pressure gives the wanted value: equilibrium ends at {} before it is reached",
         "no pressure gives the wanted value: equilibrium ends before it is reached",
     ),
+    Reason.VALUE_PASSED: (
+        "pressure",
+        "no pressure gives the wanted value: it is passed already at {}, where the pressure begins to act",
+        "no pressure gives the wanted value: it is passed before the pressure begins to act",
+    ),
+    Reason.TIPS_APART: (
+        "force",
+        "the tip does not press: it would have to be pulled with {} to stay where the object is, and the force is "
+        "exactly zero",
+        "the tip does not press, and the force is exactly zero",
+    ),
+    Reason.LOADS_AND_PRESSURE_NOT_HELD: (
+        "number",
+        "no equilibrium: of the loads and the pressure, which grow together, {} could be held",
+        "no equilibrium: the loads and the pressure, which grow together, cannot be held",
+    ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (
         "",
@@ -171,6 +191,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "the bent cover is inside the object",
     ),
     Reason.CLEAR_OF_PALM: ("length", "the object is {} inside the palm", "the object is inside the palm"),
+    Reason.TIP_IN_REACH: (
+        "length",
+        "the finger is {} too short for the place where its tip is held",
+        "the finger is too short for the place where its tip is held",
+    ),
     Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
 }
 

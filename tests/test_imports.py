@@ -26,6 +26,7 @@ ORDER = [
     "results",
     "scene",
     "curve_scene",
+    "spans",
     "path_scene",
     "leaves",
     "quantities",

@@ -5,6 +5,7 @@ nothing comes from the package but the values that are compared. The start of ea
 a scan of the angle for scalar equations, and a crude guess that is then accepted only on the physical branch.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import reference as ref
 from helpers import FRICTION, ROD, shell
 from scipy.integrate import dblquad, quad
 from scipy.optimize import brentq, root
+from scipy.special import elliprg
 
 import softgrip_jax as sg
 from softgrip_jax.membrane import plate_coefficient
@@ -247,6 +249,46 @@ def test_tilt_moment_is_the_integral_over_the_ellipse(c_a, c_b):
     if c_a == c_b:
         assert moment["exact"] == pytest.approx(2 * np.pi * c_a**3 / 3 * shear, rel=1e-12)
         assert moment["rim"] / moment["exact"] == pytest.approx(1.5, rel=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [1e-4, 0.01, 0.3, 1 - 1e-9, 1.0, 1 + 1e-5, 7.0, 1e2, 1e4])
+def test_tilt_moment_of_any_ellipse(ratio):
+    """From needles across to needles along, to 1e-13: Carlson's R_G, and the midpoint rule, which is exact to rounding
+    for a periodic function that is sampled finely enough."""
+    moment = {lever: float(TILT(np.asarray(1.0), np.asarray(ratio), np.asarray(1.0), lever)) for lever in LEVERS}
+    assert moment["exact"] == pytest.approx(4 / 3 * ratio * 2 * elliprg(0, 1, ratio**2), rel=1e-13)
+    n = int(200 * max(ratio, 1 / ratio)) + 64
+    phi = (np.arange(n) + 0.5) * (np.pi / 2 / n)
+    arm = np.hypot(np.cos(phi), ratio * np.sin(phi)) * np.pi / 2 / n
+    assert moment["exact"] == pytest.approx(4 / 3 * ratio * arm.sum(), rel=1e-13)
+    assert moment["rim"] == pytest.approx(4 * ratio * (arm * np.cos(phi) ** 2).sum(), rel=1e-13)
+
+
+LEVERS = ("exact", "rim")
+TILT = jax.jit(sg.shell.tilt_moment, static_argnames="lever")
+
+
+@pytest.mark.parametrize("lever", LEVERS)
+def test_tilt_moment_can_be_differentiated_twice_at_a_circle(lever):
+    """At equal half axes, where k = 0: against differences of fourth order, and Euler's theorem."""
+
+    def resistance(x):
+        return sg.shell.tilt_moment(x[0], x[1], jnp.asarray(1.0), lever)
+
+    here, h = jnp.array([1.0, 1.0]), 1e-3
+    hessian = jax.jit(jax.hessian(resistance))
+    gradient = jax.jit(jax.grad(resistance))
+    steps = h * np.eye(2)
+    differences = [
+        (8 * (gradient(here + e) - gradient(here - e)) - (gradient(here + 2 * e) - gradient(here - 2 * e))) / (12 * h)
+        for e in steps
+    ]
+    np.testing.assert_allclose(hessian(here), np.stack(differences), rtol=1e-10)
+    # Homogeneous of degree three: x . H x = 6 T.
+    np.testing.assert_allclose(here @ hessian(here) @ here, 6 * resistance(here), rtol=1e-13)
+    # A contact without width has no moment, and no NaN.
+    assert resistance(jnp.array([0.0, 1.0])) == 0
+    assert np.all(np.isfinite(gradient(jnp.array([0.0, 1.0]))))
 
 
 def test_pressure_that_an_eccentricity_needs():

@@ -65,7 +65,8 @@ class Accuracy(NamedTuple):
 
 FINE = Accuracy(1e-16, -1.0)
 ROUGH = Accuracy(1e-3, 0.05)
-"""Of the steps on the way: to keep to a branch, not to know it."""
+"""Of the steps on the way: to keep to a branch, not to know it. A search that ends on the way begins once more with
+every point known well: a rough point may have been off the path."""
 STEEP = 0.1
 """Load component of the tangent below which a point is known well, so that it is known on which side of a limit point
 it lies."""
@@ -76,7 +77,7 @@ LEVEL = 1e-6
 FLAT = 1e-8
 """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
-STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, ENDED = range(6)
+STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, BIFURCATION, ENDED = range(7)
 
 
 class Point(NamedTuple):
@@ -172,9 +173,10 @@ def _arrived(
     within: Bool[Array, ""] | bool,
     first: Bool[Array, ""] | bool = False,
     polishing: Bool[Array, ""] | bool = False,
-) -> tuple[Point, Scalar, Bool[Array, ""], Scalar]:
+) -> tuple[Point, Scalar, Bool[Array, ""], Scalar, Bool[Array, ""]]:
     """Where a Newton iteration is, how the goal rises along the path there, whether that can be trusted to be the
-    path's next point once it has converged, and about how far from there it was left by its first correction.
+    path's next point once it has converged, about how far from there it was left by its first correction, and whether
+    all that is wrong with it is that it lies beyond a bifurcation.
 
     It can if the tangent has not turned too far since `before`, no branch point was passed, and the correction was
     small (`within` a known piece of the path it may be large). At the first point the tangent was only guessed: it may
@@ -191,7 +193,7 @@ def _arrived(
     trusted = jnp.where(first, ahead, (straight > jnp.where(polishing, POLISHED_TURN, TURN)) & (near | within))
     # Only the first correction tells: a Newton iteration that wanders may come back to its guess from far away.
     left = jnp.where(newton.count > 1, jnp.inf, correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0)))
-    return Point(newton.u, tangent, local.goal, side), rise, trusted & same_side, left
+    return Point(newton.u, tangent, local.goal, side), rise, trusted & same_side, left, trusted & ~same_side
 
 
 class Search(NamedTuple):
@@ -228,10 +230,13 @@ class Search(NamedTuple):
     newton: Newton
     iterations: Int[Array, ""]
     """Newton iterations so far."""
+    careful: Bool[Array, ""]
+    """Whether this is the second try, with every point known well."""
 
 
 class End(NamedTuple):
-    """Where a search ended: REACHED (u has goal = 0), FOLD (u is a limit point) or ENDED."""
+    """Where a search ended: REACHED (u has goal = 0), FOLD (u is a limit point), BIFURCATION (u is shortly before one:
+    the path goes on, but it is not stable there) or ENDED."""
 
     u: Vector
     reason: Int[Array, ""]
@@ -246,30 +251,35 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
     """
     traced = jax.jit(equations)  # once for all that follows
 
-    def iterate(search: Search, args) -> Search:
+    def iterate(search: Search, context) -> Search:
+        args, *start = context
         stepping, to_goal = search.mode == STEPPING, search.mode == TO_GOAL
         newton, local = _newton_step(
             lambda u: traced(u, args), search.before.tangent, search.guess, to_goal, search.newton
         )
         first = (search.count == 0) & ~to_goal
         within = to_goal & ~_directly(search)
-        new, rise, trusted, left = _arrived(newton, local, search.before, search.guess, within, first, search.polishing)
-        roughly = stepping & ~search.polishing & (jnp.abs(new.tangent[-1]) > STEEP)
+        new, rise, trusted, left, crossed = _arrived(
+            newton, local, search.before, search.guess, within, first, search.polishing
+        )
+        roughly = stepping & ~search.polishing & ~search.careful & (jnp.abs(new.tangent[-1]) > STEEP)
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
         newton = newton._replace(last=jnp.where(left <= accuracy.left, 0.0, newton.last))
-        good = trusted & _converged(newton, accuracy)
+        converged = _converged(newton, accuracy)
+        good = trusted & converged
         limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
         going = _goes_on(newton, limit, accuracy)
         case, chosen = _first_of(
             (going, search),
-            *_after_step(search, new, rise, good, roughly),
+            *_after_step(search, new, rise, good, roughly, crossed & converged),
             *_after_goal_trial(search, new, good),
             *_after_fold_trial(search, new, good),
         )
+        chosen = select((chosen.mode >= BIFURCATION) & ~search.careful, _begin(*start, careful=True), chosen)
         going = case == 0
         guess = jnp.where(going, search.guess, _guess(chosen))
         return chosen._replace(
-            count=search.count + ~going,
+            count=jnp.where(chosen.careful & ~search.careful, 0, search.count + ~going),
             guess=guess,
             newton=select(going, newton, _newton_from(guess)),
             iterations=search.iterations + 1,
@@ -278,11 +288,11 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
     def busy(search: Search) -> Bool[Array, ""]:
         return (search.mode < REACHED) & (search.count < MAX_STEPS)
 
-    end = in_slots(busy, iterate, _begin(u, first), args)
+    end = in_slots(busy, iterate, _begin(u, first), (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 
-def _begin(u: Vector, length: Scalar | float) -> Search:
+def _begin(u: Vector, length: Scalar | float, careful: bool = False) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
     start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero)
@@ -293,6 +303,7 @@ def _begin(u: Vector, length: Scalar | float) -> Search:
         guess=u,
         newton=_newton_from(u),
         iterations=count,
+        careful=jnp.asarray(careful),
     )
 
 
@@ -338,7 +349,12 @@ def _to_goal(search: Search) -> Search:
 
 
 def _after_step(
-    search: Search, new: Point, rise: Scalar, good: Bool[Array, ""], roughly: Bool[Array, ""]
+    search: Search,
+    new: Point,
+    rise: Scalar,
+    good: Bool[Array, ""],
+    roughly: Bool[Array, ""],
+    crossed: Bool[Array, ""],
 ) -> tuple[Case, ...]:
     stepping, first = search.mode == STEPPING, search.count == 0
     shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
@@ -372,7 +388,7 @@ def _after_step(
         length=shorter,
         roughly=search.roughly & (shorter >= SHORT),
         polishing=search.roughly & (shorter < SHORT),
-        mode=jnp.where(first | (shorter < SMALLEST_STEP), ENDED, STEPPING),
+        mode=jnp.where(first | (shorter < SMALLEST_STEP), jnp.where(crossed, BIFURCATION, ENDED), STEPPING),
     )
     rough = search._replace(polishing=jnp.asarray(False))
     level, past = new.tangent[-1] <= 0, new.goal >= 0
@@ -533,7 +549,7 @@ def trace(
 
         start = (_newton_from(guess), Local(zero, 0 * u, zero, 0 * u))
         newton, local = lax.while_loop(lambda state: _goes_on(state[0], NEWTON_STEPS, FINE), step, start)
-        new, _, trusted, _ = _arrived(newton, local, point, guess, False)
+        new, _, trusted, *_ = _arrived(newton, local, point, guess, False)
         return new, trusted & _converged(newton, FINE)
 
     start, _ = correct(Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero), u)

@@ -15,11 +15,11 @@ Everything here is a pure number: s = X/L, lengths by L, forces by mu B H, momen
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
 from jaxtyping import Array, Float
 
 from ..numerics.collocation import Points, between, integrals, remaining
@@ -151,11 +151,53 @@ def slopes(s: Scalar, state: State, args: tuple[Cover, Scalar]) -> State:
     return State(z / cover.slenderness, (p * dy - q * dx) / cover.slenderness, dx, dy)
 
 
-def shot(cover: Cover, start: State, parts: Part, active: PerPart, tolerance: float) -> State:
-    """The state at the tip by diffrax's adaptive steps from the clamp, part by part."""
+def states_of(cover: Cover, line: Line, clamp: Scalar, parts: Part, points: Points) -> tuple[Array, Array]:
+    """(places s, states as rows) at the beginning of every part, at its points, and at the tip."""
+    widths = parts.high - parts.low
+    s = parts.low[:, None] + widths[:, None] * points.places[None]
+    p, q = forces(cover, s)
+    dx, dy = line.slopes
+    values = (line.curvature, (p * dy - q * dx) / cover.slenderness, dx, dy)
+    first = (clamp, line.at_clamp, 0.0, 0.0)
 
-    def through(state: State, part: tuple[Part, Scalar]):
-        (low, high, _), moment = part
-        return adaptive(slopes, state, (cover, moment), low, high, tolerance), None
+    def along(value: Array, start: Scalar | float) -> Array:
+        inside, ends = integrals(value, widths, points)
+        begins = jnp.concatenate([jnp.zeros(1), ends[:-1]])
+        return start + jnp.append(jnp.concatenate([begins[:, None], inside], axis=1), ends[-1])
 
-    return lax.scan(through, start, (parts, active))[0]
+    places = jnp.append(jnp.concatenate([parts.low[:, None], s], axis=1), parts.high[-1])
+    return places, jnp.stack([along(*pair) for pair in zip(values, first, strict=True)], axis=1)
+
+
+def corrected(
+    cover_of: Callable[[Scalar], Cover],
+    held: Scalar | None,
+    tip: Scalar | None,
+    found: tuple[Array, Array],
+    active: PerPart,
+    tolerance: float,
+) -> tuple[Array, Scalar]:
+    """How far one Newton step of multiple shooting moves the state at the tip, and the unknown force at a held tip.
+
+    Diffrax's adaptive steps lead from every place to the next; unknown are the states at all places (but theta, x and y
+    at the clamp), and the force. The moment at the tip is to be zero, and y of a held tip to be `tip`.
+    """
+    places, states = found
+    size, count = states.size, len(places)
+    moments = jnp.repeat(active, (count - 1) // len(active))
+    force = jnp.zeros_like(states[0, 0]) if held is None else held
+
+    def arrived(low, high, moment, state, force):
+        end = adaptive(slopes, State(*state), (cover_of(force), moment), low, high, tolerance)
+        return jnp.stack(end)
+
+    def every(u):
+        y, force = u[:-1].reshape(count, 4), u[-1]
+        there = jax.vmap(arrived, (0, 0, 0, 0, None))(places[:-1], places[1:], moments, y[:-1], force)
+        clamped = (y[0] - states[0])[jnp.array([0, 2, 3])]
+        last = force if tip is None else y[-1, 3] - tip
+        return jnp.concatenate([clamped, (there - y[1:]).reshape(-1), jnp.stack([y[-1, 1], last])])
+
+    u = jnp.append(states.reshape(-1), force)
+    move = jnp.linalg.solve(jax.jacfwd(every)(u), every(u))
+    return move[size - 4 : size], move[-1]

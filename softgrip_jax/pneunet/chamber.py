@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
@@ -280,11 +280,11 @@ def touching_angle(finger: PneuNet) -> Scalar:
     return jnp.maximum(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
 
 
-def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
+def pressure_of_moment(finger: PneuNet, moment: Scalar, wanted: Bool[Array, ""] | bool = True) -> Scalar:
     """The pressure (Pa) at which parallel neo-Hookean walls exert M_T (N m): the inverse of `end_moment`.
 
     Pressure and area of contact grow together with theta_m2, so there is one. More than the walls can exert gives a
-    pressure beyond `wall_limit`. No derivatives pass through.
+    pressure beyond `wall_limit`. No derivatives pass through. Where it is not wanted nothing is searched for.
     """
     scene, moment = lax.stop_gradient((Chamber(finger, jnp.zeros_like(finger.L)), moment))
     low = touching_angle(finger)
@@ -293,7 +293,7 @@ def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
     def exerted(angle):
         return scene.observe(angle, scene.load(angle))["end_moment"]
 
-    angle = bracketed_root(lambda angle: exerted(angle) - moment, low, high).x
+    angle = bracketed_root(lambda angle: exerted(angle) - moment, low, jnp.where(wanted, high, low)).x
     most = exerted(high)
     return scene.load(jnp.where(moment > 0, angle, low)) * jnp.where(moment > most, moment / most, 1.0)
 

@@ -20,9 +20,11 @@ from ..checked import is_concrete, to_float_array
 from ..errors import InputError
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
-from ..path_scene import LATER, PathScene, Span
+from ..path_scene import PathScene
+from ..reasons import Reason
 from ..results import Solution, Status
-from .beam import Cover, Line, Loads, Part, State, at_place, bend, shot
+from ..spans import LATER, Span
+from .beam import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
 from .chamber import Chamber, end_moment, pressure_of_moment, touching_angle, wall_limit
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section import section_law
@@ -107,8 +109,8 @@ class MomentSpan(Span):
         x = jnp.maximum(u[-1] - self.loading, 0)
         return x * x / jnp.where(x > 0, x + self.early, 1.0)
 
-    def pressure_at(self, u):
-        return pressure_of_moment(self.finger, self._moment_at(u) * self._unit())
+    def pressure_at(self, u, wanted=True):
+        return pressure_of_moment(self.finger, self._moment_at(u) * self._unit(), wanted)
 
     def drive_at(self, u):
         return Moment(self._moment_at(u) * self.finger.H / (3 * self.finger.L))
@@ -134,6 +136,12 @@ class FingerScene(PathScene):
     section: law of the cover: "exact", "thesis" or "inextensible". inclination: how the chambers' walls incline as the
     finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
     chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
+
+    loading: the way on which a state is reached decides which one it is, and whether there is one. "first": weight and
+    pulls grow from nothing to their full size, then the pressure. "proportional": weight, pulls and tip offset grow in
+    proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
+    too heavy to be held without pressure may be held with it. Questions without a pressure of their own
+    (`limit_pressure`, `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
     """
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
@@ -255,9 +263,15 @@ class FingerScene(PathScene):
             return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
+    def end_reason(self):
+        closed = self.finger.material.closed_forms().has_rising_wall
+        return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT
+
     def is_driven_by_moment(self) -> bool:
         """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentSpan`."""
         alike = self.finger.segments is None and self.inclination == "none" and not self.is_arcs()
+        # Loads that grow with the pressure ask for the pressure itself on the way.
+        alike = alike and self.loading == "first"
         return alike and self.finger.material.closed_forms().has_rising_wall
 
     def driven(self, pressure):
@@ -276,9 +290,10 @@ class FingerScene(PathScene):
     def settled(self, found):
         """Not converged, too, where the curvatures vary by more between the points than the points can tell."""
         found = super().settled(found)
-        unsure = self.roughness(lax.stop_gradient(found.unknowns)) > ROUGH
+        unsure = (found.status == Status.OK) & (self.roughness(lax.stop_gradient(found.unknowns)) > ROUGH)
         return found._replace(
-            status=jnp.where((found.status == Status.OK) & unsure, Status.NOT_CONVERGED, found.status)
+            status=jnp.where(unsure, Status.NOT_CONVERGED, found.status),
+            reason=jnp.where(unsure, int(Reason.SHAPE_NOT_RESOLVED), found.reason),
         )
 
     def roughness(self, unknowns: Array) -> Scalar:
@@ -291,13 +306,23 @@ class FingerScene(PathScene):
         last = -max(1, count // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
 
+    def held_at(self, x: Scalar) -> Scalar | None:
+        """The y (over L) at which a tip at x (over L) is held; None where the tip is free."""
+        return None
+
     def shooting_error(self, unknowns: Array, pressure: Scalar, tolerance: float) -> Scalar:
-        """How far from where it was found, over L, the tip is by shooting from the clamp."""
-        bent = self.bent(unknowns, jnp.ones_like(pressure), pressure)
-        zero = jnp.zeros_like(pressure)
-        start = State(self.clamp() + zero, bent.line.at_clamp, zero, zero)
-        tip = shot(bent.cover, start, bent.parts, bent.active, tolerance)
-        return jnp.hypot(tip.x - bent.line.ends[0][-1], tip.y - bent.line.ends[1][-1])
+        """See `shooting_error`."""
+        whole = jnp.ones_like(pressure)
+        bent = self.bent(unknowns, whole, pressure)
+        tip = self.held_at(bent.line.ends[0][-1])
+        held = None if tip is None else unknowns[0]
+
+        def cover_of(force):
+            return bent.cover._replace(loads=self.tip_loads(force, whole))
+
+        found = states_of(bent.cover, bent.line, self.clamp(), bent.parts, self.chambers()[1])
+        (turn, _, x, y), force = corrected(cover_of, held, tip, found, bent.active, tolerance)
+        return jnp.max(jnp.abs(jnp.stack([turn, x, y, force])))
 
     def bent(self, unknowns: Array, share: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""
@@ -335,11 +360,17 @@ def _shooting_error(scene: FingerScene, unknowns: Array, pressure: Scalar) -> Sc
 
 
 def shooting_error(solution: Solution) -> Scalar:
-    """How far from where `solve` found it, over L, the tip of a finger is by another way: the same equations from the
-    clamp on by diffrax's adaptive steps (Dopri8, tolerance 1e-10), with the moment and the force of the solution.
+    """How far the tip moves when the same equations are solved once more in another way, from what `solve` found.
 
-    A check of the numerics, not of the model. What is off at the clamp grows by e^sqrt(P L^2/EI) on the way to the tip
-    under a tension P. NaN where there is no state. ValueError for arcs in closed form (`Free` without loads).
+    The other way is multiple shooting: diffrax's adaptive steps (Dopri8, tolerance 1e-10) lead from the clamp and from
+    every point along the finger to the next one, and one Newton step closes the jumps between them. Returned is the
+    largest change at the tip: of its place over L, its angle (rad) and, where it is held, its force over EI / L^2. One
+    shot from the clamp to the tip would be no check: what rounding leaves at the clamp grows by e^sqrt(P L^2/EI) on the
+    way under a tension P.
+
+    A check of the numerics, not of the model: it is small where the points along the finger tell its shape, and about
+    as large as the error where they do not, or where the state is wrong. NaN where there is no state. ValueError for
+    arcs in closed form (`Free` without loads).
     """
     scene = solution.scene
     if not isinstance(scene, FingerScene) or scene.is_arcs():

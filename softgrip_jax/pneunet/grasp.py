@@ -61,7 +61,11 @@ class Grasp(HeldTip):
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
         weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
-        section, inclination, points: as in TipContact.
+        section, inclination, points, loading: as in TipContact.
+
+    A tip presses or is free: where only a pull would keep it on the object, the grasp is NO_CONTACT and its force
+    exactly zero. `contact_pressure` is where the tips begin to press, with the weight of the object on them; where they
+    press already it is where the pressure begins to act, and inf where equilibrium ends before they press.
 
     required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
     mu_f(F) F over that load: 1 is just held.
@@ -96,6 +100,9 @@ class Grasp(HeldTip):
     def finger(self) -> PneuNet:  # pyright: ignore[reportIncompatibleVariableOverride]
         """The gripper's finger."""
         return self.gripper.finger
+
+    def only_presses(self):
+        return True
 
     def pull(self):
         return self.object.mass * GRAVITY / self.gripper.n

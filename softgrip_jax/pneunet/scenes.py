@@ -7,11 +7,14 @@ import abc
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.roots import bracketed_root
+from ..path_scene import asked_for
+from ..reasons import Reason
 from ..results import Status
 from ..scene import Found
 from .beam import Loads
@@ -36,16 +39,65 @@ class HeldTip(FingerScene):
     def offset_at(self, x: Scalar) -> Scalar:
         """The y (m) at which a tip at x (m) is held."""
 
+    def only_presses(self) -> bool:
+        """True where nothing can pull at the tip: what would need that is NO_CONTACT."""
+        return False
+
     def rest(self):
         return jnp.append(0.0, self.straight())
 
     def largest_force(self):
         weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L
-        return jnp.abs(self.pull()) + weight
+        return jnp.abs(self.pull()) + weight + self.sideways()
+
+    def way_aside(self) -> Scalar:
+        """The least |y| (m) at which the tip may be held, wherever along the finger that is."""
+        here, there = self.offset_at(jnp.zeros_like(self.finger.L)), self.offset_at(self.finger.L)
+        nearest = jnp.minimum(jnp.abs(here), jnp.abs(there))
+        return jnp.where(here * there > 0, nearest, 0.0)
+
+    def sideways(self) -> Scalar:
+        """About the force (N) that brings the tip to where it is held, where that is far aside: UPRIGHT / (1 - |y|/L)
+        is the square root of it over EI / L^2, or less where the cover stretches first."""
+        slack = 1 - self.way_aside() / self.finger.L
+        growth = UPRIGHT / jnp.maximum(slack, LEAST_SLACK)
+        if self.section != "inextensible":
+            growth = jnp.minimum(growth, 2 * jnp.cbrt(12 * (self.finger.L / self.finger.H) ** 2 * UPRIGHT))
+        is_far = (slack < FAR_ASIDE) & ((slack > 0) | ("tip_in_reach" in self.ignored_rules))
+        return jnp.where(is_far, growth**2 * self.held_unit(), 0.0)
+
+    def margins_at_rest(self):
+        reach = {"tip_in_reach": self.finger.L - self.way_aside()}
+        return super().margins_at_rest() | reach
+
+    def settled(self, found):
+        found = super().settled(found)
+        if not self.only_presses():
+            return found
+        held = lax.stop_gradient(found.unknowns[0])
+        apart = (found.status == Status.OK) & ~(held > TOUCHING)
+        return found._replace(
+            status=jnp.where(apart, Status.NO_CONTACT, found.status),
+            reason=jnp.where(apart, int(Reason.TIPS_APART), found.reason),
+            detail=jnp.where(apart, -held * lax.stop_gradient(self.held_unit()), found.detail),
+        )
+
+    def onset(self):
+        if not self.only_presses():
+            return super().onset()
+        # Where the force rises through zero; where the tip presses already, the pressure begins to act.
+        point, found = self._sought("tip_force", jnp.zeros_like(self.finger.L), super().settled)
+        pressed = found.reason == Reason.VALUE_PASSED
+        never = jnp.where(found.status == Status.BEYOND_LIMIT, jnp.inf, jnp.nan)
+        touched = jnp.where(found.status == Status.OK, point[-1], never)
+        return jnp.where(pressed, super().onset(), touched)
 
     def held_unit(self) -> Scalar:
         """EI / L^2, N: the scale of the tip force."""
         return self.stiffness() / self.finger.L**2
+
+    def held_at(self, x):
+        return self.offset_at(x * self.finger.L) / self.finger.L
 
     def tip_loads(self, held, share):
         scale = self.finger.force_scale()
@@ -67,6 +119,17 @@ class HeldTip(FingerScene):
         return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
 
 
+UPRIGHT = 2 - np.sqrt(2)
+"""A force F across a cantilever turns it upright, but for a layer at the clamp: the tip stays short of the length L by
+this times L / sqrt(F L^2 / EI). It is 2 (1 - cos(pi / 4)), from the elastica."""
+FAR_ASIDE = 0.3
+"""Of the length: up to 0.7 aside the force is a few EI / L^2, and the way there as gentle as without it."""
+LEAST_SLACK = 0.01
+"""Nearer to the finger's length than this the points along it are no longer adapted to the layer."""
+TOUCHING = 1e-12
+"""A tip presses where its force is more than this, over EI / L^2: rounding leaves 1e-15 where there is none."""
+
+
 class TipContact(HeldTip):
     """The finger presses with its tip on something that holds it at y = `tip_offset` (thesis 4.4.2, 5.2.2).
 
@@ -76,11 +139,15 @@ class TipContact(HeldTip):
         tip_pull: H_ext, force on the tip along +x, N.
         weight: (g_x, g_y), N/m; None or (0, 0) for none.
         section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
+        hold: "both", the tip is held from both sides, as in the thesis's test stand, where offsets and weight of
+            either sign are measured: a negative tip_force pulls. "press", the tip leans on a face and nothing can pull:
+            NO_CONTACT, with the force that is missing as its detail, where only a pull would keep it there.
+        loading: "first" or "proportional", see `FingerScene`.
         points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
             known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
             for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
 
-    tip_force is Lambda: positive when the tip pushes towards -y.
+    tip_force is Lambda: positive when the tip pushes towards -y, negative where what holds it pulls (hold = "both").
     """
 
     finger: PneuNet = part(PneuNet)
@@ -90,12 +157,16 @@ class TipContact(HeldTip):
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
+    hold: str = choice("both", "press", default="both", kw_only=True)
 
     OBSERVABLES = {"tip_force": "force", "tip": "position", "tip_angle": "angle", "end_moment": "moment"}
 
     def is_unloaded(self):
         light = True if self.weight is None else jnp.all(self.weight == 0)
         return light & (self.tip_offset == 0) & (self.tip_pull == 0)
+
+    def only_presses(self):
+        return self.hold == "press"
 
     def pull(self):
         return self.tip_pull
@@ -119,6 +190,7 @@ class Free(FingerScene):
         section, inclination: as in FingerScene.
         combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
+        loading: "first" or "proportional", see `FingerScene`.
         points: as in TipContact.
 
     Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
@@ -236,8 +308,12 @@ class Free(FingerScene):
         # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
         missing = jnp.max(jnp.abs(self.residual(unknowns, pressure)))
         status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
-        possible = self.can_exist() & (pressure >= 0) & (pressure < jnp.inf)
-        return Found(unknowns, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), iterations)
+        end = self.pressure_span().end
+        closed = (status == Status.BEYOND_LIMIT) & (pressure > end)
+        reason, detail = jnp.where(closed, int(self.end_reason()), 0), jnp.where(closed, end, jnp.nan)
+        status = jnp.where(self.can_exist(), status, Status.IMPOSSIBLE)
+        reason = jnp.where(self.can_exist(), reason, 0)
+        return asked_for(pressure, Found(unknowns, pressure, status, iterations, reason=reason, detail=detail))
 
     def arcs(self, turned: Array, stretch: Array, lengths: Array, n: int) -> tuple[Array, Array]:
         """x, y (m) of n points on the chain of arcs."""

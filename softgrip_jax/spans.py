@@ -1,0 +1,90 @@
+"""The ways to a state: places along a path, and the pressure and the share of the external loads at each of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
+
+LATER = 2.0
+"""Where the moment of type A and C begins to grow with x rather than with its square: 2.3 and 1.9."""
+BEGINNING = 1e-3
+"""Of the way under pressure, where it begins to be followed."""
+
+
+class Span(eqx.Module):
+    """Pressures, Pa, and their places on the path, which begins with the external loads."""
+
+    loading: Scalar
+    """Where the loads have arrived and the pressure begins to act: 1, more for loads that are large, 0 without any."""
+    begin: Scalar
+    step: Scalar
+    """A typical change of pressure: the unit along the path."""
+    end: Scalar
+    """Where the actuator's own model ends."""
+    early: Scalar
+    """How fast the way goes at first: the place is x (x + early) / (x + LATER) at begin + step x. What chambers do
+    grows with the square of x before it grows with x, and so does the place where this is small; at LATER it is x."""
+
+    def place_of(self, pressure: Scalar) -> Scalar:
+        """The last entry of u at a pressure."""
+        x = jnp.maximum(pressure - self.begin, 0) / self.step
+        return self.loading + x * (x + self.early) / (x + LATER)
+
+    def last(self) -> Scalar:
+        """The place of `end`."""
+        return self.place_of(self.end)
+
+    def pressure_at(self, u: Vector, wanted: Bool[Array, ""] | bool = True) -> Scalar:
+        """The pressure at a point of the path; of no meaning, and at no cost, where it is not wanted."""
+        place = jnp.maximum(u[-1] - self.loading, 0)
+        half = 0.5 * (place - self.early)
+        return self.begin + self.step * (half + jnp.sqrt(half * half + LATER * place))
+
+    def drive_at(self, u: Vector) -> Any:
+        """What `measured` needs to know of the pressure there."""
+        return self.pressure_at(u)
+
+    def share_at(self, u: Vector) -> Scalar:
+        """The share of the loads there: they arrive with zero slope, no kink for the tangent."""
+        arrived = jnp.where(self.loading > 0, u[-1] / jnp.where(self.loading > 0, self.loading, 1), 1)
+        return 1 - (1 - jnp.minimum(arrived, 1)) ** 2
+
+
+class Ray(Span):
+    """A straight way through pressures and shares of the loads; `loading` is where the loads arrive."""
+
+    first: Scalar
+    """The pressure at place 0, Pa."""
+    rate: Scalar
+    """Pa per unit of the path."""
+    share: Scalar
+    """The share of the loads at place 0."""
+    growth: Scalar
+    """... and its growth per unit of the path."""
+
+    def pressure_at(self, u, wanted=True):
+        return self.first + self.rate * u[-1]
+
+    def share_at(self, u):
+        return self.share + self.growth * u[-1]
+
+
+def proportional(span: Span, pressure: Scalar) -> Ray:
+    """From nothing at all to all of the loads and a pressure (Pa) at once."""
+    length = jnp.maximum(jnp.maximum(span.loading, pressure / span.step), 1.0)
+    zero = jnp.zeros_like(length)
+    common = (length, span.begin, span.step, span.end, span.early)
+    return Ray(*common, first=zero, rate=pressure / length, share=zero, growth=1 / length)
+
+
+def onwards(ray: Ray, pressure: Scalar, down: Bool[Array, ""] | bool = False) -> Ray:
+    """From a pressure (Pa) with all of the loads to higher ones, or to lower ones."""
+    zero = jnp.zeros_like(ray.loading)
+    common = (zero, ray.begin, ray.step, ray.end, ray.early)
+    return Ray(*common, first=pressure, rate=jnp.where(down, -1.0, 1.0) * ray.step, share=zero + 1, growth=zero)
