@@ -92,8 +92,8 @@ assert abs(slope.shell.t_m * shell.t_m / limit - 1) < 1e-9  # in proportion to m
 # %% [markdown]
 # ## The fold of a held finger
 #
-# A finger whose tip is held ends in a fold too. Along the branch, by arc length. Before the fold this finger bends back so
-# far near its clamp that neighbouring chambers would meet at their tops; here that rule is ignored.
+# A finger whose tip is held ends in a fold too. Along the branch, by arc length. Before the fold this finger bends back
+# so far near its clamp that neighbouring chambers would meet at their tops; here that rule is ignored.
 
 # %%
 held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), ignored_rules=("chambers_apart",))

@@ -60,8 +60,8 @@ def free_finger(section: str = "exact", points: int = 12) -> Case:
 
 
 def grasp(section: str = "exact", points: int = 12) -> Case:
-    """Three fingers of type A hold the thesis's cylinder of 26 g: the pressure that they need. Mid-lines touch, as in the
-    thesis and in the peers."""
+    """Three fingers of type A hold the thesis's cylinder of 26 g: the pressure that they need. Mid-lines touch, as in
+    the thesis and in the peers."""
     gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), n=3, base_radius=19.61 * mm, touch="midline")
     held = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
     scene = sg.pneunet.Grasp(gripper, held, section=section, points=points, **ALL_RULES)
