@@ -1,0 +1,384 @@
+"""Rules of parts and scenes: every margin against geometry written again in NumPy, its derivatives, its words.
+
+The geometry here is brute: outlines as corners of boxes and points along lines, distances between them.
+"""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference_beam as ref
+from conftest import ROOT
+from fingers import TYPE_A, TYPES, pneunet, stacked
+
+import softgrip_jax as sg
+from softgrip_jax import plots
+from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
+from softgrip_jax.shell.obstacles import Cylinder as Rod
+from softgrip_jax.shell.obstacles import Plane, Sphere
+from softgrip_jax.units import gram, kPa, mm
+
+OK, IMPOSSIBLE = int(sg.Status.OK), int(sg.Status.IMPOSSIBLE)
+A = pneunet(TYPE_A)
+CYLINDER = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
+CONE = sg.objects.Cone(radius=26 * mm, height=45 * mm, mass=25 * gram, friction=0.96)
+
+
+def finger(**changed):
+    """Type A with some of its lengths changed, mm."""
+    return dataclasses.replace(A, **{name: np.asarray(value) * mm for name, value in changed.items()})
+
+
+def gripper(touch="face", n=3, base_radius=19.61, **changed):
+    return sg.pneunet.Gripper(finger(**changed), n=n, base_radius=base_radius * mm, touch=touch)
+
+
+# --- parts ------------------------------------------------------------------------------------------------------------
+
+SCENES = {
+    "free": lambda f: sg.pneunet.Free(f, weight=(0.0, 0.0), inclination="none"),
+    "tip contact": sg.pneunet.TipContact,
+    "grasp": lambda f: sg.pneunet.Grasp(sg.pneunet.Gripper(f), CYLINDER),
+    "linear": sg.pneunet.Linear,
+    "chamber": lambda f: sg.pneunet.Chamber(f, 0.0),
+    "small strain": sg.pneunet.SmallStrainChamber,
+}
+BROKEN_PARTS = {
+    "walls_fit": ({"t_m": 3.0}, -1.8, "two walls of a chamber are 1.8 mm too thick for its length"),
+    "chamber_on_cover": ({"b": 20.0}, -20.0, "a chamber is 20 mm wider than the cover that carries it"),
+    "one_segment": ({"L": 5.0}, -1.0, "the finger is 1 mm shorter than one segment"),
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_parts_have_margins_in_every_scene_of_a_finger(scene):
+    margins = SCENES[scene](A).margins_at_rest()
+    by_hand = {"walls_fit": 4.2 - 2 * 1.1, "chamber_on_cover": 20 - 2 * 8, "one_segment": 77 - (2 * 0.9 + 4.2)}
+    for name, margin in by_hand.items():
+        np.testing.assert_allclose(margins[name] / mm, margin, rtol=1e-12)
+    assert bool(SCENES[scene](A).can_exist())
+    for rule, (changed, margin, _) in BROKEN_PARTS.items():
+        broken = SCENES[scene](finger(**changed))
+        np.testing.assert_allclose(broken.margins_at_rest()[rule] / mm, margin, rtol=1e-12)
+        assert not bool(broken.can_exist())
+        assert bool(dataclasses.replace(broken, ignored_rules=tuple(BROKEN_PARTS)).can_exist())
+
+
+@pytest.mark.parametrize("rule", BROKEN_PARTS)
+@pytest.mark.parametrize("scene", ["free", "linear", "chamber"])
+def test_a_broken_part_is_impossible_in_words_and_may_be_ignored(scene, rule):
+    changed, margin, words = BROKEN_PARTS[rule]
+    broken = SCENES[scene](finger(**changed))
+    solution = sg.solve(broken, 15 * kPa)
+    assert (int(solution.status), Reason(int(solution.reason)).rule) == (IMPOSSIBLE, rule)
+    assert solution.reason_text() == words
+    np.testing.assert_allclose(solution.detail / mm, margin, rtol=1e-12)
+    assert np.isnan(solution.end_moment)
+    assert np.isnan(sg.limit_pressure(broken))
+    ignoring = sg.solve(dataclasses.replace(broken, ignored_rules=(rule,)), 15 * kPa)
+    assert (int(ignoring.status), int(ignoring.reason)) == (OK, 0)
+    assert ignoring.end_moment > 0
+    np.testing.assert_allclose(ignoring.margins[rule], solution.margins[rule], rtol=1e-15)
+
+
+def test_of_a_nonuniform_finger_the_least_counts():
+    f = finger(h_L=[4.2, 4.0, 4.4], t_m=[1.1, 1.3, 1.1], b=[8.0, 9.0, 8.5], h_x=[0.9, 0.8, 1.0])
+    margins = sg.pneunet.Free(f).margins_at_rest()
+    np.testing.assert_allclose(margins["walls_fit"] / mm, 4.0 - 2.6, rtol=1e-12)
+    np.testing.assert_allclose(margins["chamber_on_cover"] / mm, 2.0, rtol=1e-12)
+    np.testing.assert_allclose(margins["one_segment"] / mm, 77 - 6.4, rtol=1e-12)
+    # Twenty segments of 6 mm squeezed onto 77 mm: each keeps 3.85 mm, of which the gap takes 1.8 mm.
+    squeezed = sg.pneunet.Free(finger(t_m=np.full(20, 1.1)))
+    np.testing.assert_allclose(squeezed.margins_at_rest()["walls_fit"] / mm, 77 / 20 - 1.8 - 2.2, rtol=1e-12)
+
+
+def test_margins_of_parts_have_derivatives_on_both_sides_of_the_rule():
+    def margins(t_m, b, h_x, h_L, B, L):
+        f = dataclasses.replace(A, t_m=t_m, b=b, h_x=h_x, h_L=h_L, B=B, L=L)
+        found = sg.solve(sg.pneunet.Linear(f), 15 * kPa).margins
+        return jnp.stack([found[name] for name in BROKEN_PARTS])
+
+    wanted = np.array([[-2, 0, 0, 1, 0, 0], [0, -2, 0, 0, 1, 0], [0, 0, -2, -1, 0, 1]])
+    for dimensions in ([1.1, 8, 0.9, 4.2, 20, 77], [3.0, 20, 0.9, 4.2, 20, 5]):
+        slopes = jax.jacrev(margins, argnums=range(6))(*np.array(dimensions) * mm)
+        np.testing.assert_allclose(np.stack(slopes, axis=1), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("scene", ["linear", "chamber", "free"])
+def test_no_random_finger_under_ok_breaks_a_rule(scene):
+    """Dimensions over a decade around type A: about half of them do not fit together."""
+    random = np.random.default_rng(0)
+    names = ("a", "b", "h_x", "t_m", "h_L", "H", "B", "L")
+    spread = {name: np.exp(random.uniform(-1.2, 1.2, 400)) * TYPE_A[name] * mm for name in names}
+    fingers = sg.PneuNet(**spread, material=sg.NeoHookean(mu=np.full(400, 136 * kPa)))
+    one = jax.jit(jax.vmap(lambda f: sg.solve(SCENES[scene](f), 15 * kPa)))
+    found = one(fingers)
+    f = {name: value / mm for name, value in spread.items()}
+    least = np.minimum(f["h_L"] - 2 * f["t_m"], f["B"] - 2 * f["b"])
+    least = np.minimum(least, f["L"] - 2 * f["h_x"] - f["h_L"])
+    status, reason = np.asarray(found.status), np.asarray(found.reason)
+    assert 100 < np.sum(least < 0) < 300
+    np.testing.assert_array_equal(status == IMPOSSIBLE, least < 0)
+    np.testing.assert_array_equal(reason >= FIRST_RULE, least < 0)
+    np.testing.assert_allclose(np.asarray(found.detail)[least < 0] / mm, least[least < 0], rtol=1e-9)
+
+
+def test_walls_of_a_chamber_that_lean_on_each_other():
+    """theta_s < 0: the outer edges come nearer by 2a sin(theta_s) each."""
+    solution = sg.solve(sg.pneunet.Chamber(A, -0.1), 15 * kPa)
+    np.testing.assert_allclose(solution.margins["chambers_apart"] / mm, 2 * (0.9 - 10 * np.sin(0.1)), rtol=1e-12)
+    assert Reason(int(solution.reason)) is Reason.CHAMBERS_APART
+    assert sg.Status(int(solution.status)) is sg.Status.IMPOSSIBLE
+
+
+# --- objects at rest --------------------------------------------------------------------------------------------------
+
+
+def at_rest(scene):
+    return {name: float(value) / mm for name, value in scene.margins_at_rest().items()}
+
+
+def test_at_rest_fingers_stand_outside_of_the_object():
+    margins = at_rest(sg.pneunet.Grasp(gripper(), CYLINDER))
+    assert margins["clear_of_object_at_rest"] == pytest.approx(1.61)
+    # The sides of a triangle around a circle of 19.61 mm are 67.93 mm long.
+    assert margins["fingers_apart_at_rest"] == pytest.approx(2 * np.sqrt(3) * 19.61 - 20)
+    assert at_rest(sg.pneunet.Grasp(gripper(n=2), CYLINDER))["fingers_apart_at_rest"] == pytest.approx(2 * 19.61)
+    assert at_rest(sg.pneunet.Grasp(gripper(n=12), CYLINDER))["fingers_apart_at_rest"] < -9
+    # The thesis's mid-lines touch: they stand on the same circle, the faces half a thickness further in.
+    assert at_rest(sg.pneunet.Grasp(gripper("midline"), CYLINDER))["clear_of_object_at_rest"] == pytest.approx(1.61)
+    # Where the offset itself is given, it says where the surface is: an offset outwards is inside the cover.
+    given = sg.pneunet.Grasp(gripper(), CYLINDER, tip_offset=0.5 * mm)
+    assert at_rest(given)["clear_of_object_at_rest"] == pytest.approx(-0.5)
+
+
+def test_at_rest_beside_an_object_that_tapers():
+    """The widest place beside the finger is the lowest, at its tip: here 18 mm above the base of the cone."""
+    margins = at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm))
+    heights = 95 - np.linspace(0, 77, 1001)
+    radii = np.where(heights <= 45, 26 * (1 - heights / 45), 0.0)
+    assert margins["clear_of_object_at_rest"] == pytest.approx(19.61 - radii.max())
+    assert margins["clear_of_palm"] == pytest.approx(95 - 45)
+    assert margins["clear_of_ground"] == pytest.approx(95 - 77)
+    assert at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=40 * mm))["clear_of_palm"] == pytest.approx(-5)
+    assert at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=70 * mm))["clear_of_ground"] == pytest.approx(-7)
+
+
+def test_an_obstacle_inside_the_flat_membrane():
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+
+    def margin(obstacle):
+        scene = sg.shell.ObstacleContact(shell, obstacle, across=2, lengthwise=2)
+        return scene, float(scene.margins_at_rest()["membrane_clear_at_rest"]) / mm
+
+    assert margin(Sphere(20 * mm, 3 * mm))[1] == pytest.approx(3)
+    assert margin(Rod(20 * mm, 3 * mm))[1] == pytest.approx(3)
+    # A plane that falls by 16 tan(0.1) towards one edge; nearest along its normal.
+    assert margin(Plane(2 * mm, tilt_y=0.1))[1] == pytest.approx(2 * np.cos(0.1) - 16 * np.sin(0.1))
+    # A rod along the membrane whose axis falls: at the edge its surface is lower by 43 sin(incline).
+    tilted, clear = margin(Rod(20 * mm, 3 * mm, heading=np.pi / 2, incline=0.1))
+    axis_height = 23 - 43 * np.tan(0.1)
+    assert clear == pytest.approx(axis_height * np.cos(0.1) - 20)
+    solution = sg.solve(tilted, 5 * kPa)
+    assert sg.Status(int(solution.status)) is sg.Status.IMPOSSIBLE
+    assert solution.reason_text() == f"the flat membrane is {-clear:.4g} mm inside the object at rest"
+
+
+# --- bent states ------------------------------------------------------------------------------------------------------
+
+FINE = 2001
+"""Points along a finger from which outlines are built."""
+
+
+class Outline:
+    """The bent finger of a solution in mm: its line, as finely as `shape` gives it, without stretch of the pitch."""
+
+    def __init__(self, solution):
+        self.shape = {name: np.asarray(value) for name, value in solution.shape(FINE).items()}
+        self.X, self.x, self.y = (self.shape[name] / mm for name in ("X", "x", "y"))
+
+    def at(self, X):
+        """Centre and directions (along, across) of the section at X."""
+        x, y, theta = (np.interp(X, self.X, values) for values in (self.x, self.y, self.shape["theta"]))
+        return np.array([x, y]), np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+
+    def corner(self, X, along, across):
+        centre, tangent, normal = self.at(X)
+        return centre + along * tangent + across * normal
+
+    def gap(self, X, f):
+        """Distance between the tops of two boxes whose neighbouring faces are h_x from the section at X each, along
+        the direction of that section."""
+        pitch, top = 2 * f["h_x"] + f["h_L"], f["H"] / 2 + 2 * f["a"]
+        before = self.corner(X - pitch / 2, f["h_L"] / 2, top)
+        after = self.corner(X + pitch / 2, -f["h_L"] / 2, top)
+        return (after - before) @ self.at(X)[1]
+
+
+def chambers_apart(solution, f):
+    outline, pitch = Outline(solution), 2 * f["h_x"] + f["h_L"]
+    return min(outline.gap(X, f) for X in np.linspace(pitch, f["L"] - pitch, 60))
+
+
+STEP = 1e-4
+MOVED = np.concatenate([np.zeros((1, 4)), STEP * np.eye(4), -STEP * np.eye(4)])
+"""Relative changes of h_x, a, H and the pressure, for differences."""
+CASES = [(kind, p, np.zeros(4)) for kind in TYPES for p in (20.0, 31.0)]
+CASES += [("A", p, change) for p in (25.0, 35.0) for change in MOVED]
+
+
+@pytest.fixture(scope="module")
+def held():
+    """((margin, solution), slopes of the margin) of blocked fingers of table 5.1, some of which lean into each other:
+    margins in mm by relative changes."""
+
+    def margin(change, scene, pressure):
+        f = scene.finger
+        f = dataclasses.replace(f, h_x=f.h_x * (1 + change[0]), a=f.a * (1 + change[1]), H=f.H * (1 + change[2]))
+        solution = sg.solve(dataclasses.replace(scene, finger=f), pressure * (1 + change[3]))
+        return solution.margins["chambers_apart"] / mm, solution
+
+    changes = jnp.asarray(np.array([change for *_, change in CASES]))
+    scenes = stacked([sg.pneunet.TipContact(pneunet(TYPES[kind])) for kind, *_ in CASES])
+    pressures = jnp.array([p for _, p, _ in CASES]) * kPa
+    return jax.jit(jax.vmap(jax.value_and_grad(margin, has_aux=True)))(changes, scenes, pressures)
+
+
+def test_chambers_of_blocked_fingers_by_their_corners(held):
+    (margin, solutions), _ = held
+    for k, (kind, _, change) in enumerate(CASES):
+        if np.any(change):
+            continue
+        one = jax.tree.map(lambda value, k=k: value[k], solutions)
+        # The turn is taken from the curvature in the middle, and the stretch of the cover, 0.5 %, is left out.
+        np.testing.assert_allclose(margin[k], chambers_apart(one, TYPES[kind]), atol=0.06)
+    broken = np.asarray(margin) * mm < -BROKEN
+    assert [case[:2] for case, out in zip(CASES[:8], broken[:8], strict=True) if out] == [("C", 31.0)]
+    np.testing.assert_array_equal(solutions.status, np.where(broken, IMPOSSIBLE, OK))
+    np.testing.assert_array_equal(np.asarray(solutions.reason)[broken], int(Reason.CHAMBERS_APART))
+    np.testing.assert_allclose(np.asarray(solutions.detail)[broken] / mm, np.asarray(margin)[broken], rtol=1e-12)
+    assert solutions.reason_text()[5].startswith("neighbouring chambers overlap by 0.0")
+    np.testing.assert_array_equal(np.isnan(solutions.tip_force), broken)
+
+
+def test_the_margin_of_a_state_has_derivatives_where_it_is_broken(held):
+    (margin, solutions), slopes = held
+    for first, status in ((8, OK), (17, IMPOSSIBLE)):
+        assert int(solutions.status[first]) == status
+        more, less = margin[first + 1 : first + 5], margin[first + 5 : first + 9]
+        np.testing.assert_allclose(slopes[first], (more - less) / (2 * STEP), rtol=1e-5)
+
+
+def grasped(solution, scene):
+    """Margins of a grasp from outlines: (of the object, of the palm, of the fingers beside each other), mm."""
+    outline, f = Outline(solution), TYPE_A
+    gripper, depth = scene.gripper, f["H"] / 2 if scene.gripper.touch == "face" else 0.0
+    centre = float(gripper.base_radius) / mm + depth
+    face = np.array([outline.corner(X, 0.0, -depth) for X in outline.X])
+    stand = np.inf if scene.stand_distance is None else float(scene.stand_distance) / mm
+    if np.isinf(stand):
+        wide = np.full(FINE, float(scene.object.radius) / mm)
+    else:
+        wide = 26 * (1 - np.maximum(stand - face[:, 0], 0) / 45)
+    clear = centre + face[:, 1] - wide
+    lean = outline.corner((2 * f["h_x"] + f["h_L"]) / 2, -f["h_L"] / 2, f["H"] / 2 + 2 * f["a"])[0]
+    n = gripper.n
+    corners = [2 * np.tan(np.pi / n) * (centre + y) - f["B"] for y in face[:, 1]]
+    return clear, lean, min(corners)
+
+
+def held_by_scipy(touch):
+    """(force in N, place, theta) of the tip of type A on the cylinder at 28 kPa by SciPy: the offset follows from the
+    tip's angle, which follows from the offset."""
+    moment, theta = ref.end_moment(TYPE_A, 0.028), 0.0
+    for _ in range(6 if touch == "face" else 1):
+        corner = 0.5 * TYPE_A["H"] * (1 - np.cos(theta)) if touch == "face" else 0.0
+        offset = 18 - 19.61 - corner
+        _, force, end = ref.held_tip(TYPE_A, "exact", [(77.0, moment)], offset, 26e-3 * 9.81 / 3, (2e-3, 0.0))
+        theta = end[0]
+    return force, end[2:], theta
+
+
+def check_grasp(solution, scene, touch):
+    assert int(solution.status) == OK, solution.reason_text()
+    clear, lean, beside = grasped(solution, scene)
+    # The end of the line that touches is on the surface, all the rest outside of it.
+    assert clear[-1] == pytest.approx(0, abs=1e-9)
+    assert clear[:-1].min() > 0
+    # At the last Gauss point, 0.5 % of the length before the tip.
+    last = np.interp(77 * (1 - 0.0053), np.linspace(0, 77, FINE), clear)
+    np.testing.assert_allclose(solution.margins["clear_of_object"] / mm, last, rtol=1e-3)
+    # The stretch of the cover, 0.6 % of 3 mm, is left out.
+    np.testing.assert_allclose(solution.margins["clear_of_clamp"] / mm, lean, atol=0.02)
+    np.testing.assert_allclose(solution.margins["fingers_apart"] / mm, beside, rtol=1e-6)
+    force, tip, theta = held_by_scipy(touch)
+    np.testing.assert_allclose(solution.tip_force, force, rtol=1e-6)
+    np.testing.assert_allclose(solution.tip / mm, tip, atol=1e-5)
+    np.testing.assert_allclose(solution.tip_angle, abs(theta), rtol=1e-6)
+
+
+def test_grasps_by_their_outlines_and_by_scipy():
+    """Fingers of radius 19.61 mm around 36 mm; around 60 mm; three fingers 20 mm wide around 8 mm."""
+    scenes = [
+        sg.pneunet.Grasp(gripper(), dataclasses.replace(CYLINDER, radius=jnp.asarray(radius * mm)))
+        for radius in (18.0, 30.0, 4.0)
+    ]
+    solutions = jax.jit(jax.vmap(sg.solve, in_axes=(0, None)))(stacked(scenes), 28 * kPa)
+    check_grasp(jax.tree.map(lambda value: value[0], solutions), scenes[0], "face")
+    np.testing.assert_array_equal(solutions.status, [OK, IMPOSSIBLE, IMPOSSIBLE])
+    assert solutions.reason_text()[1] == "the cover is 10.39 mm inside the object at rest"
+    assert [Reason(int(r)).rule for r in solutions.reason] == [None, "clear_of_object_at_rest", "fingers_apart"]
+    np.testing.assert_allclose(solutions.detail[2] / mm, 8 * np.sqrt(3) - 20, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_grasp_with_the_mid_line():
+    scene = sg.pneunet.Grasp(gripper("midline"), CYLINDER)
+    check_grasp(sg.solve(scene, 28 * kPa), scene, "midline")
+
+
+def test_the_end_of_the_face_is_on_the_cone():
+    """Wherever the tip is and however it is turned; the corner of the band that is drawn is the end of the face."""
+    scene = sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm)
+    for x, theta in ((75.0, -0.1), (70.0, -0.6), (72.0, 0.2)):
+        y = float(scene.offset_at(jnp.asarray(x * mm), jnp.asarray(theta))) / mm
+        line = {"x": np.array([x]), "y": np.array([y]), "theta": np.array([theta])}
+        corner = plots.finger.band(line, 5.0)[1]
+        from_axis = 19.61 + 2.5 + corner[1]
+        assert from_axis == pytest.approx(26 * (1 - (95 - corner[0]) / 45))
+        np.testing.assert_allclose(plots.finger.touching_point(scene, line), corner, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_grasp_of_a_cone_touches_with_the_face():
+    scene = sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm)
+    solution = sg.solve(scene, 25 * kPa)
+    assert int(solution.status) == OK, solution.reason_text()
+    clear, *_ = grasped(solution, scene)
+    assert clear[-1] == pytest.approx(0, abs=1e-8)
+    assert np.min(clear[:-1]) >= -1e-3
+
+
+# --- what people and programs read ------------------------------------------------------------------------------------
+
+
+def test_solve_says_which_rule_is_broken_and_which_is_nearest(tmp_path, capsys):
+    text = (ROOT / "configs" / "finger_linear.toml").read_text()
+    kept, broken = tmp_path / "kept.toml", tmp_path / "broken.toml"
+    kept.write_text(text)
+    broken.write_text(text.replace('preset = "table_5_1_A"', 'preset = "table_5_1_A"\nt_m_mm = 3'))
+    assert run(["solve", str(kept), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["reason"], found["margins"]["walls_fit"]) == ("solved", pytest.approx(2 * mm))
+    assert run(["solve", str(kept)]) == 0
+    assert "walls_fit: 2 mm" in capsys.readouterr().out
+    assert run(["solve", str(broken), "--json"]) == NO_ANSWER
+    found = json.loads(capsys.readouterr().out)
+    assert found["reason"] == "two walls of a chamber are 1.8 mm too thick for its length"
+    assert found["margins"]["walls_fit"] == pytest.approx(-1.8 * mm)
+    assert run(["solve", str(broken)]) == NO_ANSWER
+    assert "1.8 mm too thick" in " ".join(capsys.readouterr().out.split())
