@@ -272,7 +272,8 @@ def _alone(scene: Scene) -> Iterator[Rung]:
 
 
 def _chamber(scene: pneunet.Chamber) -> Iterator[Rung]:
-    yield Rung(pneunet.SmallStrainChamber(scene.finger), ("large strains", "inclination of the walls"), "explicit", 1.0)
+    small = pneunet.SmallStrainChamber(scene.finger, ignored_rules=scene.ignored_rules)
+    yield Rung(small, ("large strains", "inclination of the walls"), "explicit", 1.0)
     yield Rung(scene, (), "one angle", SHELL_COST)
 
 
@@ -303,7 +304,8 @@ def _energy(scene: Any) -> Iterator[Rung]:
 def _finger(scene: Any) -> Iterator[Rung]:
     """Every subset of the simplifications with every number of points."""
     if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
-        yield Rung(pneunet.Linear(scene.finger), ("large deflections and strains", "all loads"), "explicit", 1.0)
+        linear = pneunet.Linear(scene.finger, ignored_rules=scene.ignored_rules)
+        yield Rung(linear, ("large deflections and strains", "all loads"), "explicit", 1.0)
     simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
     if scene.weight is not None:
         # Free of loads, parts are arcs. Elsewhere zeros do: they share the program, and compiling is what takes long.

@@ -52,6 +52,9 @@ class Reason(enum.IntEnum):
     CLEAR_OF_OBJECT = 106
     CLEAR_OF_PALM = 107
     FINGERS_APART = 108
+    FINGERS_APART_AT_REST = 109
+    CLEAR_OF_GROUND = 110
+    MEMBRANE_CLEAR_AT_REST = 111
 
     @property
     def rule(self) -> str | None:
@@ -157,8 +160,8 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     ),
     Reason.CLEAR_OF_CLAMP: (
         "length",
-        "the finger reaches {} behind its clamp",
-        "the finger reaches behind its clamp",
+        "the finger bends back by {} into the palm that it is clamped to",
+        "the finger bends back into the palm that it is clamped to",
     ),
     Reason.CLEAR_OF_OBJECT_AT_REST: (
         "length",
@@ -172,6 +175,21 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     ),
     Reason.CLEAR_OF_PALM: ("length", "the object is {} inside the palm", "the object is inside the palm"),
     Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
+    Reason.FINGERS_APART_AT_REST: (
+        "length",
+        "neighbouring fingers overlap by {} at rest",
+        "neighbouring fingers overlap at rest",
+    ),
+    Reason.CLEAR_OF_GROUND: (
+        "length",
+        "the fingers reach {} below the plane that the object stands on",
+        "the fingers reach below the plane that the object stands on",
+    ),
+    Reason.MEMBRANE_CLEAR_AT_REST: (
+        "length",
+        "the flat membrane is {} inside the object at rest",
+        "the flat membrane is inside the object at rest",
+    ),
 }
 
 RULE_NAMES = tuple(reason.rule for reason in Reason if reason.rule)

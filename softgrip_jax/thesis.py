@@ -175,6 +175,16 @@ CYLINDER_OFFSET = -1.61 * mm
 """y_c at the cylinder of radius 18 mm (figure 5.7): the clamps are on a circle of 18 + 1.61 mm."""
 BASE_RADIUS = 18 * mm - CYLINDER_OFFSET
 NO_SOLUTION = "—"
+NOT_ASKED = (
+    "chambers_apart",
+    "clear_of_clamp",
+    "clear_of_object_at_rest",
+    "clear_of_object",
+    "fingers_apart_at_rest",
+    "fingers_apart",
+)
+"""Rules that the thesis does not ask for: its held fingers go up to pressures at which they bend back so far that the
+boxes of neighbouring chambers meet at their tops, and it does not say where on their faces the cones are touched."""
 
 TABLE_6_3 = {
     name: dict(zip(KINDS, (None if p == NO_SOLUTION else Printed(p, "pressure") for p in row), strict=True))
@@ -205,15 +215,24 @@ def free_finger(kind: str = "A", length: Any = 77 * mm, section: str = "thesis")
 
 def blocked_finger(kind: str = "A", offset: Any = 0.0, length: Any = 77 * mm) -> fingers.TipContact:
     """Figures 5.6, 6.19, 6.21 and 6.22: no weight, since none is given and none meets figure 5.6."""
-    return fingers.TipContact(finger=finger(kind, length), tip_offset=offset, weight=jnp.zeros(2), section="thesis")
+    return fingers.TipContact(
+        finger=finger(kind, length),
+        tip_offset=offset,
+        weight=jnp.zeros(2),
+        section="thesis",
+        ignored_rules=NOT_ASKED,
+    )
 
 
 def finger_grasp(kind: str, mass: Any, radius: Any, slope_factor: Any = 1.0) -> FingerGrasp:
     """Three fingers around something that their tips touch at a radius (m), whose face needs `slope_factor` times the
-    friction of an upright one: 1 / sin^2(base angle) for cones (section 5.2.3)."""
+    friction of an upright one: 1 / sin^2(base angle) for cones (section 5.2.3). The mid-lines of the thesis's fingers
+    touch."""
     held = Cylinder(radius=radius, mass=mass, friction=FRICTION / slope_factor)
-    gripper = Gripper(finger(kind), base_radius=BASE_RADIUS)
-    return FingerGrasp(gripper=gripper, object=held, weight=jnp.array(HANGING), section="thesis")
+    gripper = Gripper(finger(kind), base_radius=BASE_RADIUS, touch="midline")
+    return FingerGrasp(
+        gripper=gripper, object=held, weight=jnp.array(HANGING), section="thesis", ignored_rules=NOT_ASKED
+    )
 
 
 def apothem(side: float = 15 * mm) -> float:

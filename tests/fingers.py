@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import softgrip_jax as sg
+from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.units import N_mm, mm
 
 MPa = 1e6
@@ -15,6 +16,9 @@ TYPES = {"A": TYPE_A, "B": TYPE_A | {"mu": 0.198}, "C": TYPE_C, "D": TYPE_C | {"
 
 LANES = 16
 """Every batch is filled up to a multiple of this."""
+
+ALL_RULES = {"ignored_rules": RULE_NAMES}
+"""Checks of the equations go through fingers that no mould could hold and bend them further than neighbours allow."""
 
 solve = jax.jit(jax.vmap(sg.solve))
 
@@ -47,7 +51,12 @@ def solved(scenes, pressures):
 def contact(f, law, offset=0.0, pull=0.0, weight=(0.0, 0.0)):
     """A TipContact from mm, N and N/mm."""
     return sg.pneunet.TipContact(
-        pneunet(f), tip_offset=offset * mm, tip_pull=pull, weight=jnp.asarray(weight, float) / mm, section=law
+        pneunet(f),
+        tip_offset=offset * mm,
+        tip_pull=pull,
+        weight=jnp.asarray(weight, float) / mm,
+        section=law,
+        **ALL_RULES,
     )
 
 
@@ -59,5 +68,6 @@ def free(f, law, weight=(0.0, 0.0), tip_load=(0.0, 0.0), clamp=0.0, **options):
         tip_load=jnp.asarray(tip_load, float),
         clamp_angle=clamp,
         section=law,
+        **ALL_RULES,
         **options,
     )

@@ -177,6 +177,7 @@ def test_grasps_without_an_answer_leave_their_neighbours_alone():
     np.testing.assert_array_equal(status == OK, [True, False, False, False, True])
     np.testing.assert_allclose(pressure[[0, 4]], np.asarray(healthy.pressure)[:2], rtol=1e-9)
     np.testing.assert_allclose(np.asarray(batch.security)[[0, 4]], 1, rtol=1e-9)
-    # The tips already press on the widest one without pressure: no pressure makes them press less.
-    assert status[3] == int(sg.Status.NO_CONTACT)
+    # The widest one is where the fingers stand.
+    assert status[3] == int(sg.Status.IMPOSSIBLE)
+    assert batch.reason_text()[3] == "the cover is 70.39 mm inside the object at rest"
     assert np.all(np.isnan(np.asarray(batch.tip_force)[[1, 2]]))

@@ -86,10 +86,11 @@ def grasps():
     """The thesis's circular cylinder, and its hexagonal one as the cylinder that its apothem makes of it."""
     return stacked([
         sg.pneunet.Grasp(
-            sg.pneunet.Gripper(pneunet(TYPES[kind]), base_radius=BASE_RADIUS * mm),
+            sg.pneunet.Gripper(pneunet(TYPES[kind]), base_radius=BASE_RADIUS * mm, touch="midline"),
             Cylinder(radius=radius * mm, mass=mass * gram, friction=0.96),
             weight=jnp.array([2.0, 0.0]),
             section="thesis",
+            ignored_rules=thesis.NOT_ASKED,
         )
         for kind, radius, mass in TASKS
     ])  # fmt: skip
@@ -125,7 +126,7 @@ def test_pressure_for_a_mass_and_mass_for_a_pressure():
 
 
 def gripper(n=3):
-    return sg.pneunet.Gripper(pneunet(TYPE_A), n=n, base_radius=BASE_RADIUS * mm)
+    return sg.pneunet.Gripper(pneunet(TYPE_A), n=n, base_radius=BASE_RADIUS * mm, touch="midline")
 
 
 def test_objects_by_hand():

@@ -60,7 +60,7 @@ def remaining(
 
 
 def between(
-    values: Float[Array, "parts points"], place: Float[Array, ""], part: Array, points: Points
+    values: Float[Array, "parts points"], place: Float[Array, ""], part: Array | int, points: Points
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """(value at a place from 0 to 1 in a part; integral from the part's beginning to there, over its width)."""
     coefficients = jnp.asarray(points.spectrum) @ values[part]

@@ -21,11 +21,13 @@ from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.once import differentiated_once
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed
+from ..reasons import RULE_NAMES
 from ..results import Solution, Status, gate
 from ..scene import contact_pressure as scene_contact_pressure
 from ..scene import frozen, limit_pressure, solve
 from ..shell.flat_shell import has_largest_stretch, locking_angle
 from .finger import SEGMENT_FIELDS, PneuNet
+from .rules import margins_of_parts
 
 Scalar = Float[Array, ""]
 
@@ -84,6 +86,9 @@ class Chamber(CurveScene):
     def is_possible(self):
         return self.nearer_edge()[0] >= 0
 
+    def margins_at_rest(self):
+        return margins_of_parts(self.finger) | {"chambers_apart": 2 * self.nearer_edge()[0]}
+
     def search_interval(self) -> tuple[Scalar, Scalar]:
         """theta_m2 from a flat wall to the end of the model."""
         f = self.finger
@@ -133,6 +138,11 @@ class Chamber(CurveScene):
         }
 
 
+def within(finger: PneuNet, inclination: Any) -> Chamber:
+    """The chamber as a part of another scene, which judges the rules of its parts itself."""
+    return Chamber(finger, inclination, ignored_rules=RULE_NAMES)
+
+
 def _one_chamber(scene: Any) -> Any:
     """The scene itself, unless its finger has chambers of several kinds (when asked: a batch of scenes may be made)."""
     if scene.finger.segments is not None:
@@ -174,6 +184,9 @@ class SmallStrainChamber(CurveScene):
     def prepared(self):
         return _one_chamber(self)
 
+    def margins_at_rest(self):
+        return margins_of_parts(self.finger)
+
     def interval(self):
         start = jnp.arctan(self.finger.h_x / self.finger.a)
         return start, jnp.zeros_like(start) + PLATE_END
@@ -208,11 +221,18 @@ PLATE_END = 0.5 * jnp.pi * (1 - 1e-9)
 """delta grows without bound as its angle goes to pi/2."""
 
 
-def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0, model: str = "finite") -> Solution:
+def chamber(
+    finger: PneuNet,
+    pressure: Any,
+    inclination: Any = 0.0,
+    model: str = "finite",
+    ignored_rules: tuple[str, ...] = (),
+) -> Solution:
     """The contact of two chambers at a pressure (Pa) and an inclination theta_s (rad).
 
     model: "finite", see `Chamber`; "small", see `SmallStrainChamber` (without inclination). For a nonuniform finger
-    the Solution is a batch, one lane per segment (inclination: one for all, or one per segment).
+    the Solution is a batch, one lane per segment (inclination: one for all, or one per segment). ignored_rules: as in
+    every scene.
     """
     if model not in ("finite", "small"):
         raise ValueError(f"model is {model!r}; it must be 'finite' or 'small'.")
@@ -220,7 +240,9 @@ def chamber(finger: PneuNet, pressure: Any, inclination: Any = 0.0, model: str =
         raise ValueError("The small-strain chamber knows no inclination: it must be 0.")
 
     def one(finger, inclination):
-        return solve(SmallStrainChamber(finger) if model == "small" else Chamber(finger, inclination), pressure)
+        if model == "small":
+            return solve(SmallStrainChamber(finger, ignored_rules=ignored_rules), pressure)
+        return solve(Chamber(finger, inclination, ignored_rules=ignored_rules), pressure)
 
     if finger.segments is None:
         return one(finger, inclination)
@@ -242,7 +264,7 @@ def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
 
 def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
     """The pressure (Pa) at which the model of a neo-Hookean wall ends, theta_m2 = pi; see also `limit_pressure`."""
-    scene = Chamber(finger, inclination)
+    scene = within(finger, inclination)
     return limit_pressure(scene)
 
 
@@ -253,7 +275,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     A neo-Hookean wall is one scalar root, for its pressure rises all along theta_m2; other materials are searched as
     the scene is, for the first rising branch.
     """
-    scene = Chamber(finger, inclination)
+    scene = within(finger, inclination)
     fixed, target = lax.stop_gradient((scene, pressure))
     if isinstance(finger.material, NeoHookean):
         low, high = fixed.search_interval()
@@ -286,7 +308,7 @@ def pressure_of_moment(finger: PneuNet, moment: Scalar) -> Scalar:
     Pressure and area of contact grow together with theta_m2, so there is one. More than the walls can exert gives a
     pressure beyond `wall_limit`. No derivatives pass through.
     """
-    scene, moment = lax.stop_gradient((Chamber(finger, jnp.zeros_like(finger.L)), moment))
+    scene, moment = lax.stop_gradient((within(finger, jnp.zeros_like(finger.L)), moment))
     low = touching_angle(finger)
     high = jnp.pi + jnp.zeros_like(low)
 

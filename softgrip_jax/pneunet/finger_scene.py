@@ -23,8 +23,9 @@ from ..numerics.once import once
 from ..path_scene import LATER, PathScene, Span
 from ..results import Solution, Status
 from .beam import Cover, Line, Loads, Part, State, at_place, bend, shot
-from .chamber import Chamber, end_moment, pressure_of_moment, touching_angle, wall_limit
+from .chamber import end_moment, pressure_of_moment, touching_angle, wall_limit, within
 from .finger import SEGMENT_FIELDS, PneuNet
+from .rules import chambers_apart, margins_of_parts
 from .section import section_law
 
 Scalar = Float[Array, ""]
@@ -173,9 +174,8 @@ class FingerScene(PathScene):
         that their norm is that of the curvature along the beam."""
         parts, points = self.chambers()
         widths = parts.high - parts.low
-        curvature = unknowns.reshape(len(widths), -1) / jnp.sqrt(widths[:, None] * points.weights[None])
-        cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
-        line = bend(cover, self.clamp(), parts, curvature, points)
+        curvature = self.curvatures(unknowns)
+        cover, line = self.line(curvature, held, share)
         turned = -widths * (curvature @ points.weights)
         if isinstance(pressure, Moment):
             active = -pressure.active + jnp.zeros(len(widths))
@@ -186,6 +186,29 @@ class FingerScene(PathScene):
             active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
         gaps = once(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
         return Bent(cover, parts, line, active, gaps, turned)
+
+    def curvatures(self, unknowns: Array) -> Array:
+        """L theta' at the points of every part; they are the last of the unknowns."""
+        parts, points = self.chambers()
+        widths, count = parts.high - parts.low, len(points.places)
+        unknowns = unknowns[-len(widths) * count :].reshape(-1, count)
+        return unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
+
+    def line(self, curvature: Array, held: Scalar | None, share: Scalar) -> tuple[Cover, Line]:
+        """The beam with these curvatures under its loads, whatever acts in the chambers."""
+        parts, points = self.chambers()
+        cover = Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
+        return cover, bend(cover, self.clamp(), parts, curvature, points)
+
+    def margins_at_rest(self):
+        return margins_of_parts(self.finger)
+
+    def margins_of_state(self, unknowns, pressure):
+        """chambers_apart: see `rules`. Arcs only bend as the chambers push, which moves their tops apart."""
+        if self.is_arcs():
+            return {}
+        parts, points = self.chambers()
+        return {"chambers_apart": chambers_apart(self.finger, parts, self.curvatures(unknowns), points)}
 
     def is_arcs(self) -> bool:
         """True where each part is a circular arc: nothing but moments acts on the cover."""
@@ -235,7 +258,7 @@ class FingerScene(PathScene):
         fields = {name: jnp.broadcast_to(getattr(finger, name), (finger.segments or 1,)) for name in SEGMENT_FIELDS}
 
         def of(fields):
-            wall = Chamber(dataclasses.replace(finger, **fields), jnp.zeros_like(finger.L))
+            wall = within(dataclasses.replace(finger, **fields), jnp.zeros_like(finger.L))
             one = wall.finger
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
@@ -250,7 +273,7 @@ class FingerScene(PathScene):
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
         numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
         if self.is_driven_by_moment():
-            wall = Chamber(finger, jnp.zeros_like(finger.L))
+            wall = within(finger, jnp.zeros_like(finger.L))
             most = wall.observe(jnp.pi + jnp.zeros_like(finger.L), numbers[-1])["end_moment"]
             return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
@@ -283,12 +306,9 @@ class FingerScene(PathScene):
 
     def roughness(self, unknowns: Array) -> Scalar:
         """The last part of the curvatures' spectrum over all of it: an estimate of their error from above."""
-        parts, points = self.chambers()
-        widths, count = parts.high - parts.low, len(points.places)
-        unknowns = unknowns[-len(widths) * count :].reshape(-1, count)
-        curvature = unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
-        spectrum = jnp.abs(curvature @ points.spectrum.T)
-        last = -max(1, count // 4)
+        points = self.chambers()[1]
+        spectrum = jnp.abs(self.curvatures(unknowns) @ points.spectrum.T)
+        last = -max(1, len(points.places) // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
 
     def shooting_error(self, unknowns: Array, pressure: Scalar, tolerance: float) -> Scalar:

@@ -13,33 +13,49 @@ from jaxtyping import Array, Float
 from ..checked import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit
-from ..objects import Object, friction_force, required_normal_force
+from ..objects import Object, Taper, friction_force, required_normal_force
 from ..results import Status, gate
 from ..scene import frozen, solve
 from ..units import GRAVITY
 from .finger import PneuNet
 from .finger_scene import POINTS, Scalar, to_weight
+from .rules import clear_of_clamp, line_inside, margins_of_parts, side_by_side
 from .scenes import INCLINATIONS, SECTIONS, HeldTip
 
 
 class Gripper(Checked):
     """`n` equal fingers on a circle, all pointing the same way and bending towards its axis.
 
-    finger: the actuator; n: how many; base_radius: of the circle of clamps, measured to the cover's middle line, m.
+    Args:
+        finger: the actuator.
+        n: how many.
+        base_radius: distance from the axis, at rest, of the lines of the fingers that touch the object, m.
+        touch: which lines touch: "face", the faces of the covers, or "midline", the covers' mid-lines, half a thickness
+            H further out. The thesis has its mid-lines touch, and its numbers are those of "midline".
     """
 
     finger: PneuNet = part(PneuNet)
     n: int = eqx.field(static=True, default=3)
     base_radius: Scalar = positive("length", default=0.01961)
+    touch: str = choice("face", "midline", default="face")
 
     def __check_init__(self) -> None:
         if not isinstance(self.n, int) or isinstance(self.n, bool) or self.n < 2:
             raise ValueError(f"Gripper.n is {self.n!r}; it must be a whole number, 2 or more.")
 
+    def touching_depth(self) -> Scalar:
+        """Distance of the line that touches from the mid-line, m: H/2 for the face of the cover."""
+        half = 0.5 * self.finger.H
+        return half if self.touch == "face" else 0.0 * half
+
+    def midline_radius(self) -> Scalar:
+        """Distance of the mid-lines from the axis at rest, m."""
+        return self.base_radius + self.touching_depth()
+
     def placed(self, x: Float[Array, " m"], y: Float[Array, " m"]) -> Float[Array, "n m 3"]:
-        """A finger's line (x, y) for every finger in global coordinates: Z along the fingers, origin in the base."""
+        """A mid-line (x, y) for every finger in global coordinates: Z along the fingers, origin in the base."""
         around = 2 * jnp.pi * jnp.arange(self.n) / self.n
-        radius = self.base_radius + y
+        radius = self.midline_radius() + y
         return jnp.stack(
             [
                 jnp.cos(around)[:, None] * radius[None],
@@ -56,11 +72,25 @@ class Grasp(HeldTip):
     Args:
         gripper: the fingers and where they are clamped.
         object: what is held; its mass and friction are the task.
-        tip_offset: y_c, m, where it is known; by default it follows from the object's radius and the base radius.
+        tip_offset: y_c of the tip's mid-line, m, where it is known; by default it follows from the object's radius.
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
         weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
         section, inclination, points: as in TipContact.
+
+    What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H from the end of its
+    mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the faces,
+
+        y = radius(z) - base_radius - H/2 (1 - cos(theta)),   z = stand_distance - (x + H/2 sin(theta))
+
+    and without the terms in H for "midline". The thickness is the one at rest: the cover thins by its stretch, a
+    percent or two of H/2. The forces on the tip act on the end of the mid-line, so their small moment about it, at most
+    H/2 times the pull m g / n, is left out.
+
+    The rules of the scene (`ignored_rules`): at rest no finger is inside the object, another finger or the plane that
+    the object stands on, nor the object inside the palm. In a bent state the line that touches stays outside the object
+    along the whole finger, which is taken to reach up to the palm where its height is not given; fingers stay apart,
+    and so do their chambers; nothing reaches behind the palm.
 
     required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
     mu_f(F) F over that load: 1 is just held.
@@ -103,11 +133,51 @@ class Grasp(HeldTip):
         """What friction must carry at each tip, N: m g / n, more on inclined faces."""
         return self.pull() * self.object.slope_factor()
 
-    def offset_at(self, x):
+    def offset_at(self, x, angle=0.0):
         if self.tip_offset is not None:
             return self.tip_offset
+        gripper = self.gripper
+        depth = gripper.touching_depth()
+        if gripper.touch == "face" and self.stand_distance is not None:
+            x = x + depth * jnp.sin(angle)
         height = 0.0 * x if self.stand_distance is None else self.stand_distance - x
-        return self.object.radius_at(height) - self.gripper.base_radius
+        away = self.object.radius_at(height) - gripper.base_radius
+        return away - depth * (1 - jnp.cos(angle)) if gripper.touch == "face" else away
+
+    def margins_at_rest(self):
+        gripper, finger, held = self.gripper, self.finger, self.object
+        stand = self.stand_distance
+        # Of what tapers the widest place beside the finger is the lowest one: at its tip, or where the object stands.
+        lowest = 0.0 * finger.L if stand is None else jnp.maximum(stand - finger.L, 0.0)
+        clear = gripper.base_radius - held.radius_at(lowest) if self.tip_offset is None else -self.tip_offset
+        margins = margins_of_parts(finger) | {
+            "clear_of_object_at_rest": clear,
+            "fingers_apart_at_rest": side_by_side(gripper.base_radius, gripper.n, finger.B),
+        }
+        if stand is not None:
+            margins["clear_of_ground"] = stand - finger.L
+            if isinstance(held, Taper):
+                margins["clear_of_palm"] = stand - held.height
+        return margins
+
+    def margins_of_state(self, unknowns, pressure):
+        gripper, finger = self.gripper, self.finger
+        parts, points = self.chambers()
+        line = self.line(self.curvatures(unknowns), unknowns[0], jnp.ones_like(pressure))[1]
+        depth = gripper.touching_depth()
+        x, y = (finger.L * at for at in line_inside(line, parts, depth / finger.L, points))
+        radius = gripper.midline_radius() + y
+        end = finger.L * line.ends[1][-1] - depth * jnp.cos(line.angles[-1])
+        nearest = jnp.minimum(jnp.min(radius), gripper.midline_radius() + end)
+        margins = super().margins_of_state(unknowns, pressure) | {
+            "clear_of_clamp": clear_of_clamp(finger, parts, line, points),
+            "fingers_apart": side_by_side(nearest, gripper.n, finger.B),
+        }
+        if self.tip_offset is None:
+            # At the tip itself the two just touch, so the points before it are asked.
+            height = 0.0 * x if self.stand_distance is None else jnp.maximum(self.stand_distance - x, 0.0)
+            margins["clear_of_object"] = jnp.min(radius - self.object.radius_at(height))
+        return margins
 
     def target(self):
         mass = self.object.mass

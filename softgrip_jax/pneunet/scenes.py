@@ -33,8 +33,8 @@ class HeldTip(FingerScene):
         """H_ext, the force on the tip along +x, N."""
 
     @abc.abstractmethod
-    def offset_at(self, x: Scalar) -> Scalar:
-        """The y (m) at which a tip at x (m) is held."""
+    def offset_at(self, x: Scalar, angle: Scalar | float = 0.0) -> Scalar:
+        """The y (m) at which a tip at x (m) is held, whose direction is theta = `angle` (rad)."""
 
     def rest(self):
         return jnp.append(0.0, self.straight())
@@ -58,7 +58,7 @@ class HeldTip(FingerScene):
         bent = self.bent(unknowns, share, pressure)
         length = self.finger.L
         x, y = (end[-1] for end in bent.line.ends)
-        away = y - share * self.offset_at(x * length) / length
+        away = y - share * self.offset_at(x * length, bent.line.angles[-1]) / length
         observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
         n = len(bent.gaps)  # put together by products: of what is concatenated XLA computes entry by entry
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
@@ -100,7 +100,7 @@ class TipContact(HeldTip):
     def pull(self):
         return self.tip_pull
 
-    def offset_at(self, x):
+    def offset_at(self, x, angle=0.0):
         return self.tip_offset
 
 

@@ -146,6 +146,13 @@ class ObstacleContact(EnergyScene):
         symmetric = self.symmetry not in MIRRORS or self.broken_symmetry() <= SYMMETRIC
         return super().is_possible() & symmetric
 
+    def margins_at_rest(self):
+        """membrane_clear_at_rest: the least distance of the object from the outer face of the flat membrane and its
+        clamped edges, at FACE x FACE points."""
+        x, y = (part.reshape(-1) for part in np.meshgrid(*[np.linspace(-1, 1, FACE)] * 2))
+        places = jnp.stack([self.shell.a * x, self.shell.b * y, jnp.zeros_like(self.shell.a * x)], axis=-1)
+        return {"membrane_clear_at_rest": jnp.min(jax.vmap(self.body.distance)(places))}
+
     @property
     def grid(self):
         return Grid(self.across, self.lengthwise, self.symmetry.replace("auto", "none"), self.bending)
@@ -188,6 +195,9 @@ class ObstacleContact(EnergyScene):
         return {"force": total, **resultants, "contact_area": total / pressure} | shape_observables(self, y)
 
 
+FACE = 17
+"""Points along each side of the membrane at which its distance at rest from the object is asked; what is convex and
+comes nearest at an edge or a corner, as tilted planes and rods do, is met exactly at one of them, or nearly so."""
 SYMMETRIC = 1e-9
 """Mirrored distances that differ by less than this, in a, are the same."""
 HEIGHTS = (0.0, 0.5, 1.0)

@@ -1,0 +1,115 @@
+"""What the parts of a finger and of a gripper keep to, as margins in metres: positive where a rule is kept.
+
+The names of the margins are the names of the rules in `reasons`. Each margin has derivatives, also where its rule is
+broken, so that a search can climb back.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..numerics.collocation import Points, between, integrals
+from .beam import AtPoints, Line, Part
+from .finger import PneuNet
+
+Scalar = Float[Array, ""]
+
+
+def margins_of_parts(finger: PneuNet) -> dict[str, Scalar]:
+    """Margins of the undeformed finger; of a nonuniform one the least.
+
+    walls_fit: room - 2 t_m, what two walls leave of a chamber's length. The room is h_L; of a nonuniform finger whose
+    segments are squeezed onto the cover it is what they keep beside their gaps. chamber_on_cover: B - 2b, what a
+    chamber leaves of the cover for both of its side walls. one_segment: L - (2 h_x + h_L).
+    """
+    room = finger.h_L
+    if finger.segments is not None:
+        room = jnp.minimum(room, finger.segment_lengths - 2 * finger.h_x)
+    return {
+        "walls_fit": jnp.min(room - 2 * finger.t_m),
+        "chamber_on_cover": jnp.min(finger.B - 2 * finger.b),
+        "one_segment": finger.L - jnp.max(finger.pitch),
+    }
+
+
+def gap_over(turn: Array, pitch: Array, length: Array, height: Array, foot: Scalar) -> Array:
+    """The least gap (m) between two neighbouring chambers, rigid boxes on a cover that turns by `turn` (rad) from the
+    middle of one to the middle of the next; a positive turn bends backwards and closes the gap at the top.
+
+        gap = pitch sin(f) / f - 2 z sin(f) - length cos(f),   f = turn / 2
+
+    with z the distance from the cover's mid-line of the place where the gap is least: the top, foot + height, where the
+    finger bends backwards, and the foot, H/2, where it bends as the chambers push. The mid-line between the two is a
+    circular arc; its stretch, under a percent or two, is neglected. Half of the gap is what one chamber keeps from the
+    plane of symmetry, whether a neighbour is behind it or a wall.
+
+    The gap is smallest where tan(f) = 2 z / length; boxes that turn further are as far in each other as there.
+    """
+    half = 0.5 * turn
+    z = jnp.where(half > 0, foot + height, foot)
+    half = jnp.minimum(half, jnp.arctan2(2 * z, length))
+    return pitch * jnp.sinc(half / jnp.pi) - 2 * z * jnp.sin(half) - length * jnp.cos(half)
+
+
+def chambers_apart(finger: PneuNet, parts: Part, curvature: AtPoints, points: Points) -> Scalar:
+    """The least gap (m) between neighbouring chambers of a bent finger, which has the curvatures L theta'.
+
+    Neighbours of a uniform finger meet anywhere from one pitch after the clamp to one before the tip, for its last
+    chamber may be cut by its end. Those of a nonuniform finger meet where its segments do; there the turn is the mean
+    of the two, and the gap is the sum of what each keeps from the plane between them, below the lower of the two tops.
+    """
+    fields, foot = parts.chamber.fields, 0.5 * finger.H
+    widths = parts.high - parts.low
+    pitch = (2 * fields["h_x"] + fields["h_L"]) / finger.L
+    if finger.segments is not None and finger.segments > 1:
+        turns = (curvature @ points.weights) * pitch
+        turn = 0.5 * (turns[1:] + turns[:-1])
+        height = 2 * jnp.minimum(fields["a"][1:], fields["a"][:-1])
+        sides = [
+            gap_over(turn, finger.L * pitch[side], fields["h_L"][side], height, foot)
+            for side in (slice(1, None), slice(-1))
+        ]
+        return 0.5 * jnp.min(sides[0] + sides[1])
+    first = jnp.minimum(pitch[0], 1.0)
+    last = jnp.maximum(1 - first, first)
+    places = parts.low[:, None] + widths[:, None] * points.places[None]
+    if len(widths) == 1:
+        ends = [between(curvature, place, 0, points)[0] for place in (first, last)]
+    else:
+        ends = [jnp.interp(place, places.reshape(-1), curvature.reshape(-1)) for place in (first, last)]
+    inside = (places > first) & (places < last)
+    most = jnp.max(jnp.where(inside, curvature, ends[0]))
+    most = jnp.maximum(most, ends[1])
+    return gap_over(most * pitch[0], finger.pitch.reshape(-1)[0], fields["h_L"][0], 2 * fields["a"][0], foot)
+
+
+def clear_of_clamp(finger: PneuNet, parts: Part, line: Line, points: Points) -> Scalar:
+    """The least x (m) of the first chamber, which may lean back, and of the outer half of the mid-line."""
+    fields, foot = parts.chamber.fields, 0.5 * finger.H
+    widths = parts.high - parts.low
+    pitch = 2 * fields["h_x"][0] + fields["h_L"][0]
+    local = jnp.minimum(0.5 * pitch / (finger.L * widths[0]), 1.0)
+    turn = widths[0] * between(line.curvature, local, 0, points)[1]
+    first = 0.5 * gap_over(2 * turn, pitch, fields["h_L"][0], 2 * fields["a"][0], foot)
+    x = integrals(line.slopes[0], widths, points)[0]
+    outer = (parts.low[:, None] + widths[:, None] * points.places[None]) >= 0.5
+    return jnp.minimum(first, finger.L * jnp.min(jnp.where(outer, x, jnp.inf)))
+
+
+def line_inside(
+    line: Line, parts: Part, depth: Scalar | float, points: Points
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """x and y, over L, of the line at the distance `depth` (over L) from the mid-line on the side of the bending, at
+    the Gauss points: (x + depth sin(theta), y - depth cos(theta))."""
+    widths = parts.high - parts.low
+    x, y = (integrals(slope, widths, points)[0] for slope in line.slopes)
+    cosine, sine = (slope / line.stretch for slope in line.slopes)
+    return (x + depth * sine).reshape(-1), (y - depth * cosine).reshape(-1)
+
+
+def side_by_side(radius: Scalar, n: int, width: Scalar) -> Scalar:
+    """How much room (m) n fingers of a width leave beside each other, whose flat faces stand at a radius: the side of
+    the polygon around the circle, 2 r tan(pi / n), less the width; of two fingers the distance between their faces."""
+    return 2 * radius if n == 2 else 2 * radius * np.tan(np.pi / n) - width
