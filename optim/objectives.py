@@ -203,8 +203,12 @@ class Problem:
         lost = 1 + jnp.mean((t - home) ** 2)
         good, missing = statuses == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
+        # A quantity that is not known of a solved state (a limit that was not found) is no kept constraint.
+        state_of = np.array(self.measured.state_of)
+        unknown = jnp.zeros(len(states), bool).at[state_of].max(jnp.isnan(values))
+        missing = jnp.where(good & unknown, lost, missing)
         # At a pressure too low to touch there are zeros to report, but nothing to improve by.
-        values = jnp.where(good[np.array(self.measured.state_of)], values, jnp.nan)
+        values = jnp.where(good[state_of], values, jnp.nan)
         margins = values[np.array([self.measured.index(rule) for rule in self.rules], int)]
         reported = with_rules_on(found, states, self.rules, jax.lax.stop_gradient(margins))
         own = np.array([states.index(state) for state in self.asked.states])

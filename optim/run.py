@@ -246,7 +246,8 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_section()
     limits = problem.constraint_labels()[: len(problem.sides) - len(problem.rules)]
     for k, label in enumerate(limits):
-        table.add_row(label, *(_room(d.violations[k]) for d in shown))
+        of = problem.sides[k][0]
+        table.add_row(label, *(_room(d.violations[k]) if np.isfinite(d.values[of]) else "-" for d in shown))
     for line in rules.told(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
         table.add_row(line.label, *(rules.words(margin) for margin in line.margins))
     table.add_row("status", *(" ".join(dict.fromkeys(s.name for s in d.statuses)) for d in shown))
