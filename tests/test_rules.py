@@ -9,10 +9,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fingers import TYPE_A, pneunet
+import reference_beam as ref
+from fingers import TYPE_A, TYPES, pneunet, stacked
 
 import softgrip_jax as sg
-from softgrip_jax.reasons import Reason
+from softgrip_jax import plots
+from softgrip_jax.reasons import BROKEN, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
 from softgrip_jax.shell.obstacles import Plane, Sphere
 from softgrip_jax.units import gram, kPa, mm
@@ -162,3 +164,177 @@ def test_an_obstacle_inside_the_flat_membrane():
     solution = sg.solve(tilted, 5 * kPa)
     assert sg.Status(int(solution.status)) is sg.Status.IMPOSSIBLE
     assert solution.reason_text() == f"the flat membrane is {-clear:.4g} mm inside the object at rest"
+
+
+# --- bent states ------------------------------------------------------------------------------------------------------
+
+FINE = 2001
+"""Points along a finger from which outlines are built."""
+
+
+class Outline:
+    """The bent finger of a solution in mm: its line, as finely as `shape` gives it, without stretch of the pitch."""
+
+    def __init__(self, solution):
+        self.shape = {name: np.asarray(value) for name, value in solution.shape(FINE).items()}
+        self.X, self.x, self.y = (self.shape[name] / mm for name in ("X", "x", "y"))
+
+    def at(self, X):
+        """Centre and directions (along, across) of the section at X."""
+        x, y, theta = (np.interp(X, self.X, values) for values in (self.x, self.y, self.shape["theta"]))
+        return np.array([x, y]), np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
+
+    def corner(self, X, along, across):
+        centre, tangent, normal = self.at(X)
+        return centre + along * tangent + across * normal
+
+    def gap(self, X, f):
+        """Distance between the tops of two boxes whose neighbouring faces are h_x from the section at X each, along
+        the direction of that section."""
+        pitch, top = 2 * f["h_x"] + f["h_L"], f["H"] / 2 + 2 * f["a"]
+        before = self.corner(X - pitch / 2, f["h_L"] / 2, top)
+        after = self.corner(X + pitch / 2, -f["h_L"] / 2, top)
+        return (after - before) @ self.at(X)[1]
+
+
+def chambers_apart(solution, f):
+    outline, pitch = Outline(solution), 2 * f["h_x"] + f["h_L"]
+    return min(outline.gap(X, f) for X in np.linspace(pitch, f["L"] - pitch, 60))
+
+
+STEP = 1e-4
+MOVED = np.concatenate([np.zeros((1, 4)), STEP * np.eye(4), -STEP * np.eye(4)])
+"""Relative changes of h_x, a, H and the pressure, for differences."""
+CASES = [(kind, p, np.zeros(4)) for kind in TYPES for p in (20.0, 31.0)]
+CASES += [("A", p, change) for p in (25.0, 35.0) for change in MOVED]
+
+
+@pytest.fixture(scope="module")
+def held():
+    """((margin, solution), slopes of the margin) of blocked fingers of table 5.1, some of which lean into each other:
+    margins in mm by relative changes."""
+
+    def margin(change, scene, pressure):
+        f = scene.finger
+        f = dataclasses.replace(f, h_x=f.h_x * (1 + change[0]), a=f.a * (1 + change[1]), H=f.H * (1 + change[2]))
+        solution = sg.solve(dataclasses.replace(scene, finger=f), pressure * (1 + change[3]))
+        return solution.margins["chambers_apart"] / mm, solution
+
+    changes = jnp.asarray(np.array([change for *_, change in CASES]))
+    scenes = stacked([sg.pneunet.TipContact(pneunet(TYPES[kind])) for kind, *_ in CASES])
+    pressures = jnp.array([p for _, p, _ in CASES]) * kPa
+    return jax.jit(jax.vmap(jax.value_and_grad(margin, has_aux=True)))(changes, scenes, pressures)
+
+
+def test_chambers_of_blocked_fingers_by_their_corners(held):
+    (margin, solutions), _ = held
+    for k, (kind, _, change) in enumerate(CASES):
+        if np.any(change):
+            continue
+        one = jax.tree.map(lambda value, k=k: value[k], solutions)
+        # The turn is taken from the curvature in the middle, and the stretch of the cover, 0.5 %, is left out.
+        np.testing.assert_allclose(margin[k], chambers_apart(one, TYPES[kind]), atol=0.06)
+    broken = np.asarray(margin) * mm < -BROKEN
+    assert [case[:2] for case, out in zip(CASES[:8], broken[:8], strict=True) if out] == [("C", 31.0)]
+    np.testing.assert_array_equal(solutions.status, np.where(broken, IMPOSSIBLE, OK))
+    np.testing.assert_array_equal(np.asarray(solutions.reason)[broken], int(Reason.CHAMBERS_APART))
+    np.testing.assert_allclose(np.asarray(solutions.detail)[broken] / mm, np.asarray(margin)[broken], rtol=1e-12)
+    assert solutions.reason_text()[5].startswith("neighbouring chambers overlap by 0.0")
+    np.testing.assert_array_equal(np.isnan(solutions.tip_force), broken)
+
+
+def test_the_margin_of_a_state_has_derivatives_where_it_is_broken(held):
+    (margin, solutions), slopes = held
+    for first, status in ((8, OK), (17, IMPOSSIBLE)):
+        assert int(solutions.status[first]) == status
+        more, less = margin[first + 1 : first + 5], margin[first + 5 : first + 9]
+        np.testing.assert_allclose(slopes[first], (more - less) / (2 * STEP), rtol=1e-5)
+
+
+def grasped(solution, scene):
+    """Margins of a grasp from outlines: (of the object, of the palm, of the fingers beside each other), mm."""
+    outline, f = Outline(solution), TYPE_A
+    gripper, depth = scene.gripper, f["H"] / 2 if scene.gripper.touch == "face" else 0.0
+    centre = float(gripper.base_radius) / mm + depth
+    face = np.array([outline.corner(X, 0.0, -depth) for X in outline.X])
+    stand = np.inf if scene.stand_distance is None else float(scene.stand_distance) / mm
+    if np.isinf(stand):
+        wide = np.full(FINE, float(scene.object.radius) / mm)
+    else:
+        wide = 26 * (1 - np.maximum(stand - face[:, 0], 0) / 45)
+    clear = centre + face[:, 1] - wide
+    lean = outline.corner((2 * f["h_x"] + f["h_L"]) / 2, -f["h_L"] / 2, f["H"] / 2 + 2 * f["a"])[0]
+    n = gripper.n
+    corners = [2 * np.tan(np.pi / n) * (centre + y) - f["B"] for y in face[:, 1]]
+    return clear, lean, min(corners)
+
+
+def held_by_scipy(touch):
+    """(force in N, y and theta of the tip) of type A on the cylinder at 28 kPa, by SciPy: the offset follows from the
+    tip's angle, which follows from the offset."""
+    moment, theta = ref.end_moment(TYPE_A, 0.028), 0.0
+    for _ in range(12):
+        corner = 0.5 * TYPE_A["H"] * (1 - np.cos(theta)) if touch == "face" else 0.0
+        offset = 18 - 19.61 - corner
+        tip, force, theta = ref.held_tip(TYPE_A, "exact", [(77.0, moment)], offset, 26e-3 * 9.81 / 3, (2e-3, 0.0))
+    return force, tip, theta
+
+
+def check_grasp(solution, scene, touch):
+    assert int(solution.status) == OK, solution.reason_text()
+    clear, lean, beside = grasped(solution, scene)
+    # The end of the line that touches is on the surface, all the rest outside of it.
+    assert clear[-1] == pytest.approx(0, abs=1e-9)
+    assert clear[:-1].min() > 0
+    # At the last Gauss point, 0.5 % of the length before the tip.
+    last = np.interp(77 * (1 - 0.0053), np.linspace(0, 77, FINE), clear)
+    np.testing.assert_allclose(solution.margins["clear_of_object"] / mm, last, rtol=1e-3)
+    # The stretch of the cover, 0.6 % of 3 mm, is left out.
+    np.testing.assert_allclose(solution.margins["clear_of_clamp"] / mm, lean, atol=0.02)
+    np.testing.assert_allclose(solution.margins["fingers_apart"] / mm, beside, rtol=1e-6)
+    force, tip, theta = held_by_scipy(touch)
+    np.testing.assert_allclose(solution.tip_force, force, rtol=1e-6)
+    np.testing.assert_allclose(solution.tip / mm, tip, atol=1e-5)
+    np.testing.assert_allclose(solution.tip_angle, abs(theta), rtol=1e-6)
+
+
+def test_grasps_by_their_outlines_and_by_scipy():
+    """Fingers of radius 19.61 mm around 36 mm; around 60 mm; three fingers 20 mm wide around 8 mm."""
+    scenes = [
+        sg.pneunet.Grasp(gripper(), dataclasses.replace(CYLINDER, radius=jnp.asarray(radius * mm)))
+        for radius in (18.0, 30.0, 4.0)
+    ]
+    solutions = jax.jit(jax.vmap(sg.solve, in_axes=(0, None)))(stacked(scenes), 28 * kPa)
+    check_grasp(jax.tree.map(lambda value: value[0], solutions), scenes[0], "face")
+    np.testing.assert_array_equal(solutions.status, [OK, IMPOSSIBLE, IMPOSSIBLE])
+    assert solutions.reason_text()[1] == "the cover is 10.39 mm inside the object at rest"
+    assert [Reason(int(r)).rule for r in solutions.reason] == [None, "clear_of_object_at_rest", "fingers_apart"]
+    np.testing.assert_allclose(solutions.detail[2] / mm, 8 * np.sqrt(3) - 20, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_grasp_with_the_mid_line():
+    scene = sg.pneunet.Grasp(gripper("midline"), CYLINDER)
+    check_grasp(sg.solve(scene, 28 * kPa), scene, "midline")
+
+
+def test_the_end_of_the_face_is_on_the_cone():
+    """Wherever the tip is and however it is turned; the corner of the band that is drawn is the end of the face."""
+    scene = sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm)
+    for x, theta in ((75.0, -0.1), (70.0, -0.6), (72.0, 0.2)):
+        y = float(scene.offset_at(jnp.asarray(x * mm), jnp.asarray(theta))) / mm
+        line = {"x": np.array([x]), "y": np.array([y]), "theta": np.array([theta])}
+        corner = plots.finger.band(line, 5.0)[1]
+        from_axis = 19.61 + 2.5 + corner[1]
+        assert from_axis == pytest.approx(26 * (1 - (95 - corner[0]) / 45))
+        np.testing.assert_allclose(plots.finger.touching_point(scene, line), corner, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_grasp_of_a_cone_touches_with_the_face():
+    scene = sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm)
+    solution = sg.solve(scene, 25 * kPa)
+    assert int(solution.status) == OK, solution.reason_text()
+    clear, *_ = grasped(solution, scene)
+    assert clear[-1] == pytest.approx(0, abs=1e-8)
+    assert np.min(clear[:-1]) >= -1e-3

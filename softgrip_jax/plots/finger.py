@@ -1,8 +1,8 @@
 """Fingers: the bent cover with its chambers, and a gripper around its object.
 
 The cover is a band of thickness H along the deformed middle line. The chambers stand on its outer side as boxes, 2a
-high and h_L long, with walls t_m thick; each turns with the cover under its middle. The model's tip is the end of the
-middle line, so an object is drawn up to that line and not to the corner of the cover.
+high and h_L long, with walls t_m thick; each turns with the cover under its middle. An object is drawn up to the line
+that touches it: the faces of the covers, or their middle lines where the gripper's touch is "midline".
 """
 
 from __future__ import annotations
@@ -174,8 +174,8 @@ def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
     scene: Any = solution.scene
     (ax,) = axes
     finger, line = scene.finger, line_of(solution)
-    base = float(scene.gripper.base_radius) / mm
-    tip = np.array([line["x"][-1], line["y"][-1]])
+    base = float(scene.gripper.midline_radius()) / mm
+    tip = touching_point(scene, line)
     outline = np.array(object_outline(scene, tip))
     both = np.concatenate([outline, outline[::-1] * [-1, 1]])
     ax.add_patch(Polygon(both, closed=True, facecolor=OBJECT_FACE, edgecolor=OBJECT_EDGE, linewidth=1.0, zorder=0))
@@ -204,19 +204,25 @@ def _paint_section(solution: Solution, axes: Sequence[Axes]) -> None:
     ax.autoscale_view()
 
 
+def touching_point(scene: Any, line: Line) -> np.ndarray:
+    """(x, y) of the point of a finger that touches the object, mm: the end of its face, or of its middle line."""
+    depth, theta = float(scene.gripper.touching_depth()) / mm, line["theta"][-1]
+    return np.array([line["x"][-1] + depth * np.sin(theta), line["y"][-1] - depth * np.cos(theta)])
+
+
 def plate_radius(scene: Any) -> float:
     """Of the plate that carries the fingers, mm: their clamped ends are on it."""
     finger = scene.finger
-    base = float(scene.gripper.base_radius) / mm
+    base = float(scene.gripper.midline_radius()) / mm
     return base + 0.5 * float(finger.H) / mm + max(place[2] for place in chamber_places(finger)) + 3
 
 
 def object_outline(scene: Any, tip: np.ndarray) -> list[tuple[float, float]]:
-    """(radius, height) from top to bottom of the object's face, mm; the tips touch it where they are.
+    """(radius, height) from top to bottom of the object's face, mm; `tip` is where a finger touches it.
 
     The height of a cylinder is no part of the model: it is drawn one diameter high.
     """
-    held, radius = scene.object, float(scene.gripper.base_radius) / mm + tip[1]
+    held, radius = scene.object, float(scene.gripper.midline_radius()) / mm + tip[1]
     if isinstance(held, Taper):
         wide, high = float(held.base_radius()) / mm, float(held.height) / mm
         foot = -tip[0] - high * (1 - radius / wide)
@@ -288,7 +294,7 @@ def _compose_grasp(solution: Solution) -> Figure:
     flat.set_ylabel("height (mm)")
     flat.set_title(pressure_text(solution), loc="left", fontweight="bold")
 
-    base, tip = float(scene.gripper.base_radius) / mm, np.array([line["x"][-1], line["y"][-1]])
+    base, tip = float(scene.gripper.midline_radius()) / mm, touching_point(scene, line)
     corners = {HexagonalCylinder: 6, ThreeFaceCone: 3}.get(type(scene.object), ROUND)
     faces = _faces_around(object_outline(scene, tip), corners)
     reach = plate_radius(scene)
