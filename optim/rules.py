@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softgrip_jax.quantities import AT_REST, MARGINS, Measured, Quantity, State, rules_at, rules_at_rest, state_label
+from softgrip_jax.quantities import AT_REST, MARGINS, Measured, Quantity, State, rules_at, rules_at_rest
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
@@ -81,10 +81,8 @@ def with_rules_on(
 
 
 def label(rule: Quantity, several: bool) -> str:
-    """'rule walls_fit at rest', 'rule free.chambers_apart at 31 kPa'."""
-    assert rule.at is not None
-    scene = f"{rule.scene}." if several else ""
-    return f"rule {scene}{rule.rule} at {state_label(rule.at)}"
+    """'rule walls_fit', 'rule free.chambers_apart at 31 kPa'."""
+    return f"rule {rule.label(several).replace(MARGINS, '')}"
 
 
 def words(margin: float) -> str:

@@ -65,7 +65,7 @@ class Quantity:
         """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
         name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
         name += "" if self.along is None else f" {self.along:.0%} along"
-        return name if self.at is None else f"{name} at {state_label(self.at)}"
+        return name if self.at is None or self.at == AT_REST else f"{name} at {state_label(self.at)}"
 
     @property
     def rule(self) -> str | None:
