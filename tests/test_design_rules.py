@@ -24,12 +24,15 @@ from optim.search import search
 from optim.variables import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.quantities import kind_of
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
+from softgrip_jax.sections import quantity
 from softgrip_jax.units import kPa, mm
 
 runs = importlib.import_module("optim.run")
 
+FINGER = sg.PneuNet.table_5_1("A")
 PRESSURE = 10 * kPa
 ALLOWED = 12 * mm
 
@@ -218,16 +221,16 @@ def test_a_study_has_margins_on_both_sides_of_a_rule():
 
 
 @pytest.mark.parametrize(
-    ("quantity", "sentence"),
+    ("asked", "sentence"),
     [
         (Quantity("margins.wals_fit"), "There is no rule 'wals_fit'"),
         (Quantity("margins.chambers_apart"), "is not known at rest: say in which state"),
         (Quantity("margins.fingers_apart", PRESSURE), "Ruled has no rule 'fingers_apart'; it has: walls_fit"),
     ],
 )
-def test_margins_that_are_not_there_are_named(quantity, sentence):
+def test_margins_that_are_not_there_are_named(asked, sentence):
     with pytest.raises(ValueError, match=sentence):
-        problem(Goal("maximise", quantity))
+        problem(Goal("maximise", asked))
 
 
 def test_rules_that_are_not_there_are_named():
@@ -248,6 +251,18 @@ def test_configs_ignore_rules_by_name(tmp_path):
         settings.read(configs.load(path))
 
 
+def test_margins_are_keys_with_their_unit():
+    scenes = {"scene": sg.pneunet.TipContact(FINGER)}
+    for at in (None, {"pressure_kPa": 31}):  # the parts at rest are the same in every state
+        found, unit = quantity(scenes, "margins.walls_fit_mm", at, "here")
+        assert (found.observable, found.at, unit) == ("margins.walls_fit", "rest", 1e-3)
+    assert kind_of(found, scenes) == "length"
+    with pytest.raises(ConfigError, match=r"here: margins\.chambers_apart of TipContact is not known at rest"):
+        quantity(scenes, "margins.chambers_apart_mm", None, "here")
+    with pytest.raises(ConfigError, match=r"margins\. and a rule"):
+        quantity(scenes, "walls_fit_mm", None, "here")
+
+
 def test_scenes_keep_the_rules_that_they_ignore_in_a_config(tmp_path):
     scene = sg.shell.Free(shell(), ignored_rules=("walls_fit", "fingers_apart"))
     path = tmp_path / "config.toml"
@@ -261,8 +276,6 @@ def test_scenes_keep_the_rules_that_they_ignore_in_a_config(tmp_path):
 
 
 # --- one finger, one law ----------------------------------------------------------------------------------------------
-
-FINGER = sg.PneuNet.table_5_1("A")
 
 
 def space(blocked, free, names=("finger.H",)):
@@ -283,6 +296,16 @@ def test_a_finger_under_two_laws_is_refused():
     assert agreed(allowed)["different_laws"] == [f"{sentence}."]
     alike = sg.pneunet.TipContact(FINGER, inclination="segment")
     assert Problem(space(alike, free), goals).different_laws == ()
+
+
+def test_a_config_may_allow_different_laws(tmp_path):
+    text = (ROOT / "configs" / "finger_tip_force.toml").read_text()
+    path = tmp_path / "config.toml"
+    path.write_text(text.replace('inclination = "segment"', 'inclination = "none"', 1))
+    with pytest.raises(ConfigError, match=r"\[design\]: The scenes blocked and free share a finger, but"):
+        settings.read(configs.load(path))
+    path.write_text(path.read_text().replace("[design]", "[design]\ndifferent_laws = true"))
+    assert len(settings.read(configs.load(path)).problem.different_laws) == 1
 
 
 def test_every_choice_and_the_material_is_a_law():
