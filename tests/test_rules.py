@@ -4,17 +4,20 @@ The geometry here is brute: outlines as corners of boxes and points along lines,
 """
 
 import dataclasses
+import json
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference_beam as ref
+from conftest import ROOT
 from fingers import TYPE_A, TYPES, pneunet, stacked
 
 import softgrip_jax as sg
 from softgrip_jax import plots
-from softgrip_jax.reasons import BROKEN, Reason
+from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
 from softgrip_jax.shell.obstacles import Plane, Sphere
 from softgrip_jax.units import gram, kPa, mm
@@ -103,6 +106,25 @@ def test_margins_of_parts_have_derivatives_on_both_sides_of_the_rule():
     for dimensions in ([1.1, 8, 0.9, 4.2, 20, 77], [3.0, 20, 0.9, 4.2, 20, 5]):
         slopes = jax.jacrev(margins, argnums=range(6))(*np.array(dimensions) * mm)
         np.testing.assert_allclose(np.stack(slopes, axis=1), wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("scene", ["linear", "chamber", "free"])
+def test_no_random_finger_under_ok_breaks_a_rule(scene):
+    """Dimensions over a decade around type A: about half of them do not fit together."""
+    random = np.random.default_rng(0)
+    names = ("a", "b", "h_x", "t_m", "h_L", "H", "B", "L")
+    spread = {name: np.exp(random.uniform(-1.2, 1.2, 400)) * TYPE_A[name] * mm for name in names}
+    fingers = sg.PneuNet(**spread, material=sg.NeoHookean(mu=np.full(400, 136 * kPa)))
+    one = jax.jit(jax.vmap(lambda f: sg.solve(SCENES[scene](f), 15 * kPa)))
+    found = one(fingers)
+    f = {name: value / mm for name, value in spread.items()}
+    least = np.minimum(f["h_L"] - 2 * f["t_m"], f["B"] - 2 * f["b"])
+    least = np.minimum(least, f["L"] - 2 * f["h_x"] - f["h_L"])
+    status, reason = np.asarray(found.status), np.asarray(found.reason)
+    assert 100 < np.sum(least < 0) < 300
+    np.testing.assert_array_equal(status == IMPOSSIBLE, least < 0)
+    np.testing.assert_array_equal(reason >= FIRST_RULE, least < 0)
+    np.testing.assert_allclose(np.asarray(found.detail)[least < 0] / mm, least[least < 0], rtol=1e-9)
 
 
 def test_walls_of_a_chamber_that_lean_on_each_other():
@@ -270,14 +292,15 @@ def grasped(solution, scene):
 
 
 def held_by_scipy(touch):
-    """(force in N, y and theta of the tip) of type A on the cylinder at 28 kPa, by SciPy: the offset follows from the
+    """(force in N, place, theta) of the tip of type A on the cylinder at 28 kPa by SciPy: the offset follows from the
     tip's angle, which follows from the offset."""
     moment, theta = ref.end_moment(TYPE_A, 0.028), 0.0
-    for _ in range(12):
+    for _ in range(6 if touch == "face" else 1):
         corner = 0.5 * TYPE_A["H"] * (1 - np.cos(theta)) if touch == "face" else 0.0
         offset = 18 - 19.61 - corner
-        tip, force, theta = ref.held_tip(TYPE_A, "exact", [(77.0, moment)], offset, 26e-3 * 9.81 / 3, (2e-3, 0.0))
-    return force, tip, theta
+        _, force, end = ref.held_tip(TYPE_A, "exact", [(77.0, moment)], offset, 26e-3 * 9.81 / 3, (2e-3, 0.0))
+        theta = end[0]
+    return force, end[2:], theta
 
 
 def check_grasp(solution, scene, touch):
@@ -338,3 +361,24 @@ def test_a_grasp_of_a_cone_touches_with_the_face():
     clear, *_ = grasped(solution, scene)
     assert clear[-1] == pytest.approx(0, abs=1e-8)
     assert np.min(clear[:-1]) >= -1e-3
+
+
+# --- what people and programs read ------------------------------------------------------------------------------------
+
+
+def test_solve_says_which_rule_is_broken_and_which_is_nearest(tmp_path, capsys):
+    text = (ROOT / "configs" / "finger_linear.toml").read_text()
+    kept, broken = tmp_path / "kept.toml", tmp_path / "broken.toml"
+    kept.write_text(text)
+    broken.write_text(text.replace('preset = "table_5_1_A"', 'preset = "table_5_1_A"\nt_m_mm = 3'))
+    assert run(["solve", str(kept), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["reason"], found["margins"]["walls_fit"]) == ("solved", pytest.approx(2 * mm))
+    assert run(["solve", str(kept)]) == 0
+    assert "walls_fit: 2 mm" in capsys.readouterr().out
+    assert run(["solve", str(broken), "--json"]) == NO_ANSWER
+    found = json.loads(capsys.readouterr().out)
+    assert found["reason"] == "two walls of a chamber are 1.8 mm too thick for its length"
+    assert found["margins"]["walls_fit"] == pytest.approx(-1.8 * mm)
+    assert run(["solve", str(broken)]) == NO_ANSWER
+    assert "1.8 mm too thick" in " ".join(capsys.readouterr().out.split())

@@ -48,12 +48,12 @@ def measure(quick: bool) -> Iterator[dict[str, Any]]:
         return lambda _: sg.limit_pressure(sg.shell.Free(shell, model=model)) / kPa
 
     def held(section):
-        scene = sg.pneunet.TipContact(finger, section=section)
+        scene = sg.pneunet.TipContact(finger, section=section, **cases.ALL_RULES)
         return lambda moment: sg.pressure_for(scene, end_moment=moment * N_mm).tip_force
 
     def largest(section):
         def moment(_):
-            scene = sg.pneunet.TipContact(finger, section=section)
+            scene = sg.pneunet.TipContact(finger, section=section, **cases.ALL_RULES)
             return sg.solve(scene, sg.limit_pressure(scene) * (1 - 1e-9)).end_moment / N_mm
 
         return moment

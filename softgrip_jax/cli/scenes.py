@@ -287,6 +287,8 @@ def batch_as_data(curve: Solution) -> dict[str, Any]:
     return {
         "scene": type_name(type(curve.scene)),
         "status": [Status(int(s)).name for s in np.asarray(curve.status)],
+        "reason": [str(text) for text in curve.reason_text()],
+        "margins": {name: _plain(margin) for name, margin in curve.margins.items()},
         "pressure": _plain(curve.pressure),
         "observables": {name: _plain(curve.observables[name]) for name in kinds},
         "units": {"pressure": SI["pressure"]} | {name: SI[kind] for name, kind in kinds.items()},
@@ -305,12 +307,27 @@ def as_data(solution: Solution) -> dict[str, Any]:
         "scene": type_name(type(solution.scene)),
         "status": status.name,
         "message": status.message,
+        "reason": solution.reason_text(),
+        "margins": {name: _plain(margin) for name, margin in solution.margins.items()},
         "pressure": _plain(solution.pressure),
         "residual": _plain(solution.residual),
         "iterations": int(solution.iterations),
         "observables": {name: _plain(solution.observables[name]) for name in kinds},
         "units": {"pressure": SI["pressure"]} | {name: SI[kind] for name, kind in kinds.items()},
     }
+
+
+def nearest_rule(solution: Solution) -> tuple[str, str] | None:
+    """(rule, margin) of the one that is nearest to being broken, or broken by most where that is ignored."""
+    from ..reasons import BROKEN
+    from ..results import in_units
+
+    known = {name: float(margin) for name, margin in solution.margins.items() if float(margin) == float(margin)}
+    if not known:
+        return None
+    name = min(known, key=lambda name: known[name])
+    words = "" if known[name] >= -BROKEN else " (broken, and ignored)"
+    return name, f"{in_units(known[name], 'length')}{words}"
 
 
 def _plain(value: Any) -> Any:
@@ -337,6 +354,9 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     for name, value in solution.rows():
         good = int(solution.status) == Status.OK
         table.add_row(name, value, style="bold" if name == "status" and not good else None)
+    rule = nearest_rule(solution) if int(solution.status) == Status.OK else None
+    if rule is not None:
+        table.add_row("least margin of a rule", f"{rule[0]}: {rule[1]}")
     scene = solution.scene
     if given_pressure and isinstance(scene, pneunet.Grasp) and int(solution.status) == Status.OK:
         heaviest = pneunet.largest_mass(scene, solution.pressure)
