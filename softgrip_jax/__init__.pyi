@@ -6,6 +6,7 @@ from . import shell as shell
 from . import study as study
 from . import units as units
 from ._version import __version__ as __version__
+from .errors import UnitWarning as UnitWarning
 from .materials import Gent as Gent
 from .materials import MooneyRivlin as MooneyRivlin
 from .materials import NeoHookean as NeoHookean

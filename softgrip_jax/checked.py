@@ -8,7 +8,9 @@ it is a ValueError in one sentence; inside jit, where nothing can be raised, the
 from __future__ import annotations
 
 import dataclasses
+import functools
 import numbers
+import typing
 from typing import Any
 
 import equinox as eqx
@@ -18,6 +20,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
+from .display import describe, is_readable
+from .plausible import Doubt, doubts, warn
 from .reasons import RULE_NAMES
 from .units import SI
 
@@ -138,28 +142,39 @@ class Checked(eqx.Module):
     """A module whose fields are checked by the rule they declare."""
 
     def __check_init__(self) -> None:
-        owner = type(self).__name__
-        for field in dataclasses.fields(self):
-            meta, value = field.metadata, getattr(self, field.name)
-            where = f"{owner}.{field.name}"
-            if "rule" in meta:
-                # Placeholders that JAX puts into trees while it rebuilds them carry no numbers to check.
-                if type(value) is object or (value is None and (field.default is None or "size" in meta)):
-                    continue
-                require(where, value, meta["rule"], meta["kind"])
-                if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):
-                    raise ValueError(f"{where} is {value!r}; it must be a pair of numbers (x, y).")
-            elif meta.get("friction") and not callable(value):
-                require(where, value, "positive", "number")
-            elif "allowed" in meta and value not in meta["allowed"]:
-                raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
-            elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
-                raise ValueError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
-            elif "least" in meta and not (type(value) is int and value >= meta["least"]):
-                raise ValueError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
-            elif "types" in meta and not isinstance(value, meta["types"]):
-                names = " or ".join(t.__name__ for t in meta["types"])
-                raise ValueError(f"{where} is {value!r}; it must be a {names}.")
+        warn(check_fields(self))
+
+    def __repr__(self) -> str:
+        return describe(self, has_units=_holds_quantities(self))
+
+
+def check_fields(module: Checked) -> list[Doubt]:
+    """A ValueError where a field breaks its rule; returned is what can be meant but is in doubt."""
+    owner, found = type(module).__name__, []
+    for field in dataclasses.fields(module):
+        meta, value = field.metadata, getattr(module, field.name)
+        where = f"{owner}.{field.name}"
+        if "rule" in meta:
+            # Placeholders that JAX puts into trees while it rebuilds them carry no numbers to check.
+            if type(value) is object or (value is None and (field.default is None or "size" in meta)):
+                continue
+            array = require(where, value, meta["rule"], meta["kind"])
+            if "size" in meta and jnp.shape(value)[-1:] != (meta["size"],):
+                raise ValueError(f"{where} is {value!r}; it must be a pair of numbers (x, y).")
+            if is_concrete(array):
+                found += doubts(where, np.asarray(array), meta["kind"], meta["rule"])
+        elif meta.get("friction") and not callable(value):
+            require(where, value, "positive", "number")
+        elif "allowed" in meta and value not in meta["allowed"]:
+            raise ValueError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+        elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
+            raise ValueError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
+        elif "least" in meta and not (type(value) is int and value >= meta["least"]):
+            raise ValueError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
+        elif "types" in meta and not isinstance(value, meta["types"]):
+            names = " or ".join(t.__name__ for t in meta["types"])
+            raise ValueError(f"{where} is {value!r}; it must be a {names}.")
+    return found
 
 
 def admissible(tree: Any) -> Bool[Array, ""]:
@@ -180,3 +195,57 @@ def admissible(tree: Any) -> Bool[Array, ""]:
             elif isinstance(value, eqx.Module):
                 good &= admissible(value)
     return good
+
+
+FAR_TOO_LONG = 100.0
+"""m. Derivatives by lengths, in N/m or Pa/m, are larger."""
+
+
+def _holds_quantities(module: Checked) -> bool:
+    """False where numbers cannot be what their fields are for: derivatives by a scene come as a scene, too."""
+    for field in dataclasses.fields(module):
+        value, meta = vars(module).get(field.name), field.metadata
+        if isinstance(value, Checked) and not _holds_quantities(value):
+            return False
+        if "rule" in meta and is_readable(value):
+            seen = np.asarray(value)
+            if not np.all(RULES[meta["rule"]][1](seen)) or (meta["kind"] == "length" and np.any(seen > FAR_TOO_LONG)):
+                return False
+    return True
+
+
+def batched_field(module: Checked) -> tuple[str, tuple[int, ...]] | None:
+    """The first field in a tree of modules that holds an array where one scene has one number: its name and its shape.
+
+    None where all of it is one scene, inside vmap too, where each member has its own numbers.
+    """
+    for name, rank in _ranks(type(module)):
+        value = getattr(module, name)
+        if rank is None:
+            inner = batched_field(value) if isinstance(value, Checked) else None
+            if inner is not None:
+                return inner
+        elif getattr(value, "ndim", 0) > rank:
+            return f"{type(module).__name__}.{name}", value.shape
+    return None
+
+
+@functools.cache
+def _ranks(cls: type) -> tuple[tuple[str, int | None], ...]:
+    """(name, most axes of its value by its annotation) of every field of numbers, and (name, None) of every part."""
+    found: list[tuple[str, int | None]] = []
+    try:
+        hints = typing.get_type_hints(cls)
+    except NameError:  # a class of the user's own may name types that only a type checker knows
+        hints = {}
+    for field in dataclasses.fields(cls):
+        meta, annotation = field.metadata, hints.get(field.name)
+        options = typing.get_args(annotation) or (annotation,)
+        shapes = [option.dim_str.split() for option in options if hasattr(option, "dim_str")]
+        if "types" in meta:
+            found.append((field.name, None))
+        elif "size" in meta:
+            found.append((field.name, 1))
+        elif "rule" in meta and shapes and not any("*" in axis or axis == "..." for shape in shapes for axis in shape):
+            found.append((field.name, max(map(len, shapes))))
+    return tuple(found)

@@ -36,6 +36,7 @@ from . import shell as shell
 from .checked import RULES, Checked, wanted
 from .errors import ConfigError as ConfigError
 from .objects import Friction
+from .plausible import units_are_stated
 from .scene import Scene
 from .units import DISPLAY
 from .units import unit_key as unit_key
@@ -269,7 +270,8 @@ def read_module(bases: tuple[type, ...], table: Any, where: str) -> Any:
         if key.required and key.name not in given:
             raise ConfigError(f"{where}: the key {key.key} of {type_name(cls)} is missing.")
     try:
-        return cls(**given)
+        with units_are_stated():
+            return cls(**given)
     except ValueError as error:
         raise ConfigError(f"{where}: {' '.join(str(error).split())}") from None
 

@@ -7,15 +7,28 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from .numerics.curves import Scan, first_crossing, first_maximum, scan_curve, slope_of
+from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
 from .numerics.roots import implicit
+from .reasons import Reason
 from .results import Status, gate
 from .scene import Found, Scene, frozen
 
 Scalar = Float[Array, ""]
+
+
+class Approach(NamedTuple):
+    """The free state that grows from zero load until a scene's own state begins."""
+
+    scene: CurveScene
+    touch: Scalar
+    """Its angle where it touches, with derivatives."""
+    begins: Scalar
+    """The pressure at which the scene's own state begins, with derivatives."""
+    touches_early: bool = False
+    """Whether the free state touches before the scene's own state begins (an inclined plane): it then is inflated
+    freely up to there, and must have no limit point on that way either."""
 
 
 class Climb(NamedTuple):
@@ -25,6 +38,23 @@ class Climb(NamedTuple):
     end: Scalar
     """The angle where the interval ends."""
     possible: Bool[Array, ""]
+    touches: Bool[Array, ""]
+    """Whether the free state comes to where the scene's own state begins without passing a limit point of its own."""
+    free_peak: Scalar
+    """The free state's angle at its first maximum, where it has one before it touches."""
+    free_limit: Scalar
+    """The largest pressure of the free state where it does not touch: inf where the material locks before."""
+
+
+class End(NamedTuple):
+    """Codes of what `find_limit` found, in `Found.iterations`."""
+
+    MODEL: int = 0
+    PEAK: int = 1
+    FREE_PEAK: int = 2
+
+
+END = End()
 
 
 class CurveScene(Scene):
@@ -60,11 +90,46 @@ class CurveScene(Scene):
     def residual(self, unknowns, pressure):
         return (self.load(unknowns) - pressure) / (self.pressure_scale() + jnp.abs(pressure))
 
+    def approach(self) -> Approach | None:
+        """The free state that leads from zero load to this one; None where this one begins at zero load."""
+        return None
+
+    def end_reason(self) -> Int[Array, ""] | int:
+        """The `Reason` that belongs to the end of the interval."""
+        return Reason.ARC_CLOSED
+
+    def settled(self, found):
+        """As `Scene.settled`, with what rounding of the angle leaves of the load counted in: near the angle where a
+        material locks or an arc closes the load is so steep that no angle in floating point meets it more closely."""
+        fixed, found = frozen(self), frozen(found)
+        _, slope = jax.jvp(fixed.load, (found.unknowns,), (jnp.ones_like(found.unknowns),))
+        swing = jnp.abs(found.unknowns * slope)
+        eased = 1 + jnp.where(jnp.isfinite(swing), swing, 0.0) / (fixed.pressure_scale() + jnp.abs(found.pressure))
+        seen = found.seen or fixed.evaluated(found.unknowns, found.pressure)
+        return super().settled(found._replace(seen=(seen[0] / eased, seen[1])))
+
     def climb(self) -> Climb:
         """Look at the load curve once; every question starts from this."""
         start, end = self.interval()
         scan = scan_curve(self.load, start, end, "dips" if self.may_dip() else "single")
-        return Climb(scan, end, self.can_exist() & (start < end))
+        touches, peak, limit = self._approached(start)
+        return Climb(scan, end, self.can_exist() & ((start < end) | ~touches), touches, peak, limit)
+
+    def _approached(self, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
+        """(touches, free_peak, free_limit) of `Climb`."""
+        approach = self.approach()
+        if approach is None:
+            return jnp.asarray(True), start, jnp.full_like(start, jnp.inf)
+        free = approach.scene
+        begin, end = free.interval()
+        far = end if approach.touches_early else jnp.minimum(approach.touch, end)
+        peak, falls = first_maximum_before(free.load, begin, far, self.may_dip())
+        limit = jnp.where(falls, free.load(peak), jnp.inf)
+        if approach.touches_early:
+            touches = (approach.touch <= jnp.where(falls, peak, end)) & (approach.begins <= limit)
+        else:
+            touches = ~falls & (approach.touch <= end)
+        return touches, peak, limit
 
     def stop(self, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
         """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
@@ -85,26 +150,56 @@ class CurveScene(Scene):
         status = jnp.where(crossing.exists, Status.OK, Status.BEYOND_LIMIT)
         status = jnp.where(pressure <= low, Status.NO_CONTACT if self.CONTACT else Status.OK, status)
         angle = jnp.where(pressure <= low, start, crossing.x)
-        possible &= (pressure >= 0) & (pressure < jnp.inf)
-        return Found(angle, pressure, jnp.where(possible, status, Status.IMPOSSIBLE), crossing.iterations)
+        # A free state that does not touch is all there is.
+        free = jnp.where(pressure <= climb.free_limit, Status.NO_CONTACT, Status.BEYOND_LIMIT)
+        status = jnp.where(climb.touches, status, free)
+        known = (pressure >= 0) & (pressure < jnp.inf)
+        reason = jnp.where(known, Reason.NONE, Reason.PRESSURE_RULE)
+        reason = jnp.where(status == Status.BEYOND_LIMIT, self._why(climb), reason)
+        begins = jnp.where(climb.touches, low, climb.free_limit)
+        ends = jnp.where(climb.touches, self.load(stop), climb.free_limit)
+        detail = jnp.where(status == Status.BEYOND_LIMIT, ends, begins)
+        detail = jnp.where(jnp.isfinite(detail) & known & (status != Status.OK) & possible, detail, jnp.nan)
+        reason = jnp.where(possible, reason, jnp.where(known, Reason.NONE, Reason.PRESSURE_RULE))
+        status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
+        return Found(angle, pressure, status, crossing.iterations, reason=reason, detail=detail)
+
+    def _why(self, climb: Climb) -> Int[Array, ""]:
+        """The reason where the branch ends."""
+        own = jnp.where(climb.scan.falls, Reason.LIMIT_POINT, self.end_reason())
+        return jnp.where(climb.touches, own, Reason.LIMIT_BEFORE_CONTACT)
 
     def onset(self):
-        return self.load(self.interval()[0])
+        approach = self.approach()
+        if approach is None:
+            return self.load(self.interval()[0])
+        touches, peak, limit = frozen(frozen(self)._approached(approach.touch))
+        own = gate(touches, self).approach()
+        free = gate(~touches & jnp.isfinite(limit), approach.scene)
+        limit = jnp.where(jnp.isfinite(limit), free.load(_at_peak(free, peak)), jnp.inf)
+        return jnp.where(touches, own.begins, limit)
 
     def find_limit(self):
         climb = self.climb()
         scan, stop, possible = climb.scan, self.stop(climb), climb.possible
         endless = self.unbounded() & ~scan.falls
         pressure = jnp.where(endless, jnp.inf, self.load(stop))
+        pressure = jnp.where(climb.touches, pressure, climb.free_limit)
         status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
-        return Found(stop, pressure, status, scan.falls.astype(int))
+        code = jnp.where(climb.touches, jnp.where(scan.falls, END.PEAK, END.MODEL), END.FREE_PEAK)
+        return Found(jnp.where(climb.touches, stop, climb.free_peak), pressure, status, code)
 
     def limit_pressure_from(self, found):
-        at_peak = found.iterations == 1
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
-        scene = gate(ok, self)
-        peak = implicit(lambda angle, scene: slope_of(scene.load)(angle), found.unknowns, scene)
-        pressure = scene.load(jnp.where(at_peak, peak, scene.interval()[1]))
+        code = found.iterations
+        scene = gate(ok & (code != END.FREE_PEAK), self)
+        pressure = scene.load(
+            jnp.where(code == END.PEAK, _at_peak(scene, found.unknowns), jnp.where(ok, scene.interval()[1], 1.0))
+        )
+        approach = self.approach()
+        if approach is not None:
+            free = gate(ok & (code == END.FREE_PEAK), approach.scene)
+            pressure = jnp.where(code == END.FREE_PEAK, free.load(_at_peak(free, found.unknowns)), pressure)
         return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
 
     def solve_for(self, name, target):
@@ -125,17 +220,30 @@ class CurveScene(Scene):
         status = jnp.where(before, Status.NO_CONTACT if self.CONTACT else Status.IMPOSSIBLE, Status.BEYOND_LIMIT)
         reached = crossing.exists & ~at_start if self.CONTACT else crossing.exists | at_start
         status = jnp.where(reached, Status.OK, status)
-        status = jnp.where(possible & jnp.isfinite(value), status, Status.IMPOSSIBLE)
+        status = jnp.where(climb.touches, status, jnp.where(before, Status.NO_CONTACT, Status.BEYOND_LIMIT))
+        known = jnp.isfinite(value)
+        ends = jnp.where(climb.touches, fixed.load(stop), climb.free_limit)
+        reason = jnp.where(status == Status.BEYOND_LIMIT, Reason.VALUE_NOT_REACHED, Reason.NONE)
+        reason = jnp.where(known, reason, Reason.PRESSURE_RULE)
+        reason = jnp.where(possible | ~known, reason, Reason.NONE)
+        is_beyond = possible & known & (status == Status.BEYOND_LIMIT) & jnp.isfinite(ends)
+        detail = jnp.where(is_beyond, ends, jnp.nan)
+        status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
 
-        # Rounding of the observable is relative to its change over a cell, where the value itself may be zero.
-        scale = lax.stop_gradient(jnp.abs(value) + crossing.scale)
+        # Rounding of the observable is relative to its change over a cell, where the value itself may be zero, and what
+        # rounding of the angle leaves of it.
+        _, slope = jax.jvp(lambda angle: wanted(fixed, angle), (angle,), (jnp.ones_like(angle),))
+        swing = jnp.abs(angle * slope)
+        scale = jnp.abs(value) + crossing.scale + jnp.where(jnp.isfinite(swing), swing, 0.0)
         mismatch = (wanted(fixed, angle) - value) / jnp.where(scale > 0, scale, 1.0)
-        found = fixed.settled(Found(angle, fixed.load(angle), status, crossing.iterations, mismatch))
+        found = Found(angle, fixed.load(angle), status, crossing.iterations, mismatch, reason=reason, detail=detail)
+        found = fixed.settled(found)
         scene, target = gate(found.status == Status.OK, (self, target))
         angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (scene, target))
         pressure = scene.load(angle)
         solution = self._report(angle, pressure, found)
-        no_answer = jnp.where(status == Status.NO_CONTACT, scan.y[0], jnp.nan)
+        begins = jnp.where(climb.touches, scan.y[0], climb.free_limit)
+        no_answer = jnp.where(status == Status.NO_CONTACT, begins, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
 
     def branch(self, n):
@@ -149,3 +257,8 @@ class CurveScene(Scene):
 
         # The end of the interval itself may be singular (a flat membrane turned inside out): stop just before.
         return jax.vmap(at)(jnp.linspace(0.0, 1.0 - 1e-6, n))
+
+
+def _at_peak(scene: CurveScene, angle: Scalar) -> Scalar:
+    """The angle of a maximum of the load, with its derivatives."""
+    return implicit(lambda angle, scene: slope_of(scene.load)(angle), angle, scene)

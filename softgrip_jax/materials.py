@@ -2,17 +2,24 @@
 
 A material is its strain energy density W(lambda_1, lambda_2, lambda_3) per undeformed volume, J/m^3, with
 lambda_1 lambda_2 lambda_3 = 1. Every stress and tension elsewhere is a derivative of it; nothing is written twice.
+
+What makes the models faster than the energy alone would (closed forms, the shear modulus, the stretch at which it
+locks) is stated by the class that defines the energy. A subclass with another energy inherits none of it.
 """
 
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .checked import Checked, finite, is_concrete, nonzero, positive
+from .checked import Checked, check_fields, finite, is_concrete, nonzero, positive
 from .units import kPa
 
 Scalar = Float[Array, ""]
@@ -21,20 +28,52 @@ EQUAL = 1e-4
 """Half the relative distance at which squared stretches are kept: second derivatives keep 1e-8 of accuracy there."""
 
 
+class ClosedForms(NamedTuple):
+    """What is known of an energy beyond its values. The models use it where it is stated; by default nothing is.
+
+    A wrong statement gives wrong results without a word, so a statement belongs to the class that defines the energy.
+    """
+
+    tension_over_strain: Callable[[Scalar, Scalar], Scalar] | None = None
+    """(t_m, strain) -> T / (lambda - 1), N/m, of a sheet that is stretched by lambda = 1 + strain both ways."""
+    neo_hookean_in_plane_strain: bool = False
+    """W(s, 1/s, 1) = mu/2 (s^2 + 1/s^2 - 2): covers follow the section law that is solved in closed form."""
+    has_one_maximum: bool = False
+    """The pressure of a membrane on an arc has at most one maximum along its angle, and never falls and rises again."""
+    has_rising_wall: bool = False
+    """The pressure of a chamber's wall rises all along its angle, up to a half circle."""
+    is_endless: bool = False
+    """The energy exists at every stretch: nothing locks."""
+
+
 class Material(Checked):
-    """A strain energy. A new one needs `energy` and `shear_modulus`."""
+    """A strain energy. A new one needs `energy` and nothing else.
+
+    What else a class can state saves time. All of it is about one energy: where a subclass gives another energy,
+    it falls back to what holds for any, unless the subclass states it anew.
+    """
 
     @abc.abstractmethod
     def energy(self, l1: Scalar, l2: Scalar, l3: Scalar) -> Scalar:
         """W at the principal stretches, J/m^3; zero in the undeformed state."""
 
-    @abc.abstractmethod
     def shear_modulus(self) -> Scalar:
-        """mu of the undeformed material, Pa: the scale of every stress."""
+        """mu of the undeformed material, Pa: the scale of every stress. By default from the energy."""
+        return modulus_of_energy(self)
+
+    def closed_forms(self) -> ClosedForms:
+        """What is known of this energy beyond its values; nothing by default."""
+        return ClosedForms()
 
     def stretchable(self, l1: Scalar, l2: Scalar) -> Scalar:
-        """A pure number that is positive where the energy exists (1 for materials without a largest stretch)."""
-        return jnp.ones_like(l1)
+        """A number that is positive where the energy exists. By default -1 where W is not finite.
+
+        The default falls towards the place where W ends, for a search of that place keeps the smallest value it saw.
+        """
+        if self.closed_forms().is_endless:
+            return jnp.ones_like(l1)
+        energy = self.energy(l1, l2, 1 / (l1 * l2))
+        return jnp.where(jnp.isfinite(energy), 1 / (1 + jnp.abs(energy)), -1.0)
 
     def sheet_energy(self, trace: Scalar, determinant: Scalar) -> Scalar:
         """W, J/m^3, of a sheet from tr C and det C, C = F^T F in its plane: lambda^2 are the eigenvalues of C.
@@ -50,6 +89,90 @@ class Material(Checked):
     def is_stable_at_rest(self) -> Bool[Array, ""]:
         """True where the undeformed material resists every small shear."""
         return self.shear_modulus() > 0
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        for statement, energies in STATEMENTS.items():
+            stated_by = _provider(cls, statement)
+            # The method resolution order begins with the class that was derived last.
+            later = cls.__mro__[: cls.__mro__.index(stated_by)]
+            if stated_by is not Material and any(name in vars(base) for base in later for name in energies):
+                setattr(cls, statement, vars(Material)[statement])
+
+    def __check_init__(self) -> None:
+        # The laws of this file keep to their energies by the tests of this package.
+        if type(self).__module__ != __name__:
+            _require_true_statements(self)
+
+
+STATEMENTS = {
+    "sheet_energy": ("energy",),
+    "shear_modulus": ("energy", "of_invariants"),
+    "stretchable": ("energy", "of_invariants"),
+    "is_stable_at_rest": ("energy", "of_invariants", "shear_modulus"),
+    "closed_forms": ("energy", "of_invariants", "sheet_energy", "shear_modulus"),
+}
+"""What a class states about its energy, and what gives the energy: a class that overrides one of the latter without
+the statement takes the statement back."""
+
+
+def _provider(cls: type, name: str) -> type:
+    """The class whose method an instance of `cls` has."""
+    return next(base for base in cls.__mro__ if name in vars(base))
+
+
+def modulus_of_energy(material: Material) -> Scalar:
+    """mu, Pa, from the energy alone: the second derivative of W(e^x, e^-x, 1) at x = 0 is 4 mu."""
+
+    def pure_shear(x):
+        return material.energy(jnp.exp(x), jnp.exp(-x), jnp.ones_like(x))
+
+    zero, one = jnp.zeros(()), jnp.ones(())
+    return 0.25 * jax.jvp(lambda x: jax.jvp(pure_shear, (x,), (one,))[1], (zero,), (one,))[1]
+
+
+STATED_TOLERANCE = 1e-6
+"""A modulus that was copied from a table with seven digits agrees with the energy; one of another energy does not."""
+SHEET_STRETCHES = (1.2, 1.05)
+"""Where the two energies of a class are compared: no rubber locks so early."""
+
+
+@jax.jit
+def _stated_and_found(material: Material) -> tuple[tuple[Array, Array], ...]:
+    """The shear modulus and the energy of a sheet, each as the class states it and from its `energy`."""
+    l1, l2 = (jnp.asarray(stretch) for stretch in SHEET_STRETCHES)
+    modulus = material.shear_modulus(), modulus_of_energy(material)
+    return modulus, (material.sheet_energy(l1**2 + l2**2, (l1 * l2) ** 2), material.energy(l1, l2, 1 / (l1 * l2)))
+
+
+def _require_true_statements(material: Material) -> None:
+    """A ValueError where a class states a shear modulus (the scale of every load) or an energy of sheets that is not
+    the one of its `energy`."""
+    check_fields(material)
+    if not _is_known(material):
+        return
+    with jax.ensure_compile_time_eval():
+        pairs = [[np.asarray(value) for value in pair] for pair in _stated_and_found(material)]
+    words = ("shear_modulus() is", "Pa"), ("sheet_energy at the stretches 1.2 and 1.05 is", "J/m^3")
+    for (what, unit), (stated, found) in zip(words, pairs, strict=True):
+        # Written so that NaN counts as a difference. Several numbers are several materials, made for vmap.
+        if not np.all(np.abs(stated - found) <= STATED_TOLERANCE * np.abs(found)):
+            raise ValueError(
+                f"{type(material).__name__}.{what} {np.min(stated):.6g} {unit}, but by its energy it is "
+                f"{np.min(found):.6g} {unit}; make them agree, or leave the method out."
+            )
+    if not np.all(pairs[0][1] > 0):
+        raise ValueError(_not_stiff(material, np.min(pairs[0][1])))
+
+
+def _not_stiff(material: Material, modulus: Any) -> str:
+    return f"{type(material).__name__} has a shear modulus of {modulus:.6g} Pa; its constants must make it positive."
+
+
+def _is_known(material: Material) -> bool:
+    """True where all numbers of a material are known, and none is traced or a placeholder of JAX."""
+    known = jax.Array | np.ndarray | np.generic | float | int
+    return all(isinstance(leaf, known) and not isinstance(leaf, Tracer) for leaf in jax.tree.leaves(material))
 
 
 def nominal_stresses(material: Material, l1: Scalar, l2: Scalar) -> tuple[Scalar, Scalar]:
@@ -69,12 +192,13 @@ def _invariants(l1, l2, l3):
 
 def _require_stiff(material: Material) -> None:
     """A ValueError for constants that keep their own rules but together give no shear modulus."""
-    Checked.__check_init__(material)
-    if is_concrete(*jax.tree.leaves(material)) and not jnp.all(material.is_stable_at_rest()):
-        modulus = float(jnp.min(material.shear_modulus()))
-        raise ValueError(
-            f"{type(material).__name__} has a shear modulus of {modulus:.6g} Pa; its constants must make it positive."
-        )
+    check_fields(material)
+    if not _is_known(material):
+        return
+    with jax.ensure_compile_time_eval():
+        stable, modulus = np.asarray(material.is_stable_at_rest()), np.asarray(material.shear_modulus())
+    if not np.all(stable):
+        raise ValueError(_not_stiff(material, np.min(modulus)))
 
 
 class InvariantMaterial(Material):
@@ -103,6 +227,20 @@ class NeoHookean(InvariantMaterial):
     def shear_modulus(self):
         return self.mu
 
+    def closed_forms(self):
+        return ClosedForms(
+            tension_over_strain=self._tension_over_strain,
+            neo_hookean_in_plane_strain=True,
+            has_one_maximum=True,
+            has_rising_wall=True,
+            is_endless=True,
+        )
+
+    def _tension_over_strain(self, t_m: Scalar, strain: Scalar) -> Scalar:
+        """T = mu t_m (1 - x^6) with x = 1/lambda, and so T / (lambda - 1) = mu t_m (x + x^2 + ... + x^6)."""
+        x = 1 / (1 + strain)
+        return self.mu * t_m * x * (1 + x * (1 + x * (1 + x * (1 + x * (1 + x)))))
+
 
 class MooneyRivlin(InvariantMaterial):
     """W = C_1 (I_1 - 3) + C_2 (I_2 - 3); Mooney 1940. C_1 > 0 and C_2 of either sign, Pa; mu = 2 (C_1 + C_2)."""
@@ -119,6 +257,10 @@ class MooneyRivlin(InvariantMaterial):
     def shear_modulus(self):
         return 2 * (self.c1 + self.c2)
 
+    def closed_forms(self):
+        # In plane strain I_1 = I_2.
+        return ClosedForms(neo_hookean_in_plane_strain=True, is_endless=True)
+
 
 class Yeoh(InvariantMaterial):
     """W = C_1 (I_1 - 3) + C_2 (I_1 - 3)^2 + C_3 (I_1 - 3)^3; Yeoh 1993. C_1 > 0, Pa; mu = 2 C_1."""
@@ -132,6 +274,9 @@ class Yeoh(InvariantMaterial):
 
     def shear_modulus(self):
         return 2 * self.c1
+
+    def closed_forms(self):
+        return ClosedForms(is_endless=True)
 
 
 class Gent(InvariantMaterial):
@@ -173,6 +318,9 @@ class Ogden(Material):
 
     def shear_modulus(self):
         return 0.5 * jnp.sum(self.mu * self.alpha)
+
+    def closed_forms(self):
+        return ClosedForms(is_endless=True)
 
 
 def dragon_skin_20() -> NeoHookean:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from .materials import Material, NeoHookean, nominal_stresses
+from .materials import Material, nominal_stresses
 from .numerics.once import cos_and_sin
 from .numerics.roots import implicit
 
@@ -58,31 +58,70 @@ def flat_contact_stretch(theta: Scalar, distance_over_a: Scalar) -> Scalar:
 
 
 INVERSE_STEPS = 7
-"""Newton steps for the two inverses below. Both functions are convex and the first guess is on the side from which
-Newton approaches without overshooting; over the whole range the sixth step is already down to rounding."""
+"""Newton steps for the two inverses below. Both functions are convex, so that Newton's method approaches from one side;
+over the whole range the sixth step is already down to rounding."""
 
 
-def flat_contact_angle(stretch: Scalar, distance_over_a: Scalar) -> Scalar:
-    """theta at which a profile on a plane has a given stretch: the inverse of (3.11), 0 to pi; differentiable."""
+SERIES_COTANGENT = 0.4
+"""Below this angle 1 - x cot x by its series through x^18: the next term is 5e-17 of it."""
 
-    def excess(half, args):
-        stretch, ratio = args
-        return half / jnp.sin(half) ** 2 - 1 / jnp.tan(half) - (stretch - 1) / ratio
 
-    fixed = lax.stop_gradient((stretch, distance_over_a))
-    goal = (fixed[0] - 1) / fixed[1]
-    # y(h) = h / sin^2 h - cot h is near 2 h / 3 + c h^2 with c from y(pi/2) = pi/2, and lies below it: h starts too low
-    # by at most 3 %, and convexity puts the first Newton step on the high side.
-    c = 2 / (3 * jnp.pi)
-    half = (jnp.sqrt(4 / 9 + 4 * c * goal) - 2 / 3) / (2 * c)
+def one_less_cotangent(x: Scalar) -> Scalar:
+    """1 - x cot x, without loss of digits at small x, where it is x^2 / 3 (-pi < x < pi)."""
+    small = jnp.abs(x) < SERIES_COTANGENT
+    safe = jnp.where(small, 1.0, x)
+    x2 = x * x
+    series = jnp.zeros_like(x)
+    for coefficient in COTANGENT_SERIES[::-1]:
+        series = x2 * (coefficient + series)
+    return jnp.where(small, series, 1 - safe / jnp.tan(safe))
 
-    def step(_, half):
-        s, cot = jnp.sin(half), 1 / jnp.tan(half)
-        slope = 2 * (1 - half * cot) / s**2
-        return jnp.minimum(half - (half / s**2 - cot - goal) / slope, 0.5 * jnp.pi)
 
-    half = lax.fori_loop(0, INVERSE_STEPS, step, jnp.minimum(half, 0.5 * jnp.pi))
-    return 2 * implicit(excess, half, (stretch, distance_over_a))
+COTANGENT_SERIES = (
+    *(1 / 3, 1 / 45, 2 / 945, 1 / 4725, 2 / 93555, 1382 / 638512875, 4 / 18243225),
+    *(3617 / 162820783125, 87734 / 38979295480125),
+)
+"""Of 1 - x cot x in powers of x^2: 2^(2n) |B_2n| / (2n)! (Euler)."""
+
+
+def contact_half_width(gap: Scalar, sunk: Scalar) -> Scalar:
+    """c_a / a of an arc-flat-arc profile at the distance `gap` that is stretched as a free arc of height gap + sunk.
+
+    Both are given over a. With F(h) = h / sin^2 h - cot h and half arc angles h (touching), h_e (the free arc) and
+    h + w, (3.11) is gap F(h + w) = tan(h_e) F(h_e), and c_a / a = 1 - tan h / tan(h + w) = sin w / (cos h sin(h + w)).
+    Everything is written in the differences w and sunk and in q(x) = 1 - x cot x, so that a narrow contact loses no
+    digits: F(h + w) - F(h) = sin w (q(h) + q(h + w) - q(w)) / (sin h sin(h + w)).
+    """
+
+    def rise(start, by):
+        """F(start + by) - F(start)."""
+        q = one_less_cotangent(start) + one_less_cotangent(start + by) - one_less_cotangent(by)
+        return jnp.sin(by) * q / (jnp.sin(start) * jnp.sin(start + by))
+
+    def wanted(gap, sunk):
+        """F(h + w) - F(h) = F(h_e) - F(h) + F(h_e) sunk / gap."""
+        high = gap + sunk
+        half, by = jnp.arctan(gap), jnp.arctan2(sunk, 1 + gap * high)
+        free = high - one_less_cotangent(half + by) * (high + 1 / high)
+        return rise(half, by) + free * sunk / gap
+
+    def excess(w, args):
+        return rise(jnp.arctan(args[0]), w) - wanted(*args)
+
+    fixed = lax.stop_gradient((gap, sunk))
+    half, goal = jnp.arctan(fixed[0]), wanted(*fixed)
+    most = 0.5 * jnp.pi - half
+    # F is convex with slopes from 2/3 to 2 in [0, pi/2]: Newton's method comes down to the root from above.
+    slope = 2 * one_less_cotangent(half) / jnp.sin(half) ** 2
+
+    def step(_, w):
+        value, slope = jax.jvp(lambda w: excess(w, fixed), (w,), (jnp.ones_like(w),))
+        return jnp.clip(w - value / slope, 0.0, most)
+
+    w = lax.fori_loop(0, INVERSE_STEPS, step, jnp.minimum(goal / slope, most))
+    w = implicit(excess, w, (gap, sunk))
+    half = jnp.arctan(gap)
+    return jnp.sin(w) * jnp.sqrt(1 + gap * gap) / jnp.sin(half + w)
 
 
 def angle_of_stretch(stretch: Scalar) -> Scalar:
@@ -153,12 +192,11 @@ GAUSS_PLACES, GAUSS_WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 
 def tension_over_strain(material: Material, t_m: Scalar, strain: Scalar) -> Scalar:
     """T / (lambda - 1) of a membrane stretched by lambda = 1 + strain both ways, N/m; regular at zero strain.
 
-    Neo-Hookean: T = mu t_m (1 - lambda^-6), and so mu t_m (x + x^2 + ... + x^6), x = 1/lambda: the closed form saves
-    two thirds of what a finger takes to compile.
+    The closed form of a material that states it (neo-Hookean) saves two thirds of what a finger takes to compile.
     """
-    if isinstance(material, NeoHookean):
-        x = 1 / (1 + strain)
-        return material.mu * t_m * x * (1 + x * (1 + x * (1 + x * (1 + x * (1 + x)))))
+    closed_form = material.closed_forms().tension_over_strain
+    if closed_form is not None:
+        return closed_form(t_m, strain)
 
     def tension(stretch):
         return tensions(material, t_m, stretch, stretch)[0]

@@ -7,12 +7,12 @@ import enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
+from .batches import Batched
 from .reasons import Reason
 from .units import DISPLAY
 
@@ -44,7 +44,7 @@ _MESSAGES = {
 }
 
 
-class Solution(eqx.Module):
+class Solution(Batched):
     """The state of one scene at one pressure (or of a batch, when solved under vmap).
 
     Observables are attributes (``sol.force``), in SI. Lanes that are not OK hold NaN (NO_CONTACT: zeros) and pass
@@ -68,6 +68,7 @@ class Solution(eqx.Module):
     margins: dict[str, Array]
     """Name of a rule -> its margin, m: negative where it is broken. NaN where the state that it asks for is missing."""
 
+    STATUSES = Status
     _REPORT_WIDTH: ClassVar[int] = 22
 
     def __getattr__(self, name: str) -> Any:
@@ -96,9 +97,7 @@ class Solution(eqx.Module):
 
     def __str__(self) -> str:
         if self.status.ndim:
-            values, counts = np.unique(np.asarray(self.status), return_counts=True)
-            kinds = ", ".join(f"{count} {Status(int(v)).name}" for v, count in zip(values, counts, strict=True))
-            return f"{type(self.scene).__name__}: a batch of shape {self.status.shape} ({kinds})"
+            return self.table()
         return "\n".join([type(self.scene).__name__, *(f"  {name:<24}{text}" for name, text in self.rows())])
 
     def rows(self) -> list[tuple[str, str]]:

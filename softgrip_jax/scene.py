@@ -14,11 +14,13 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, require, rule_names
+from .checked import Checked, admissible, batched_field, is_concrete, require, rule_names
 from .numerics.roots import implicit, with_derivatives_of
+from .plausible import doubts, warn
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, gate, mask
 
@@ -213,7 +215,37 @@ def _checked(scene: Any) -> Scene:
         )
     if not isinstance(scene, Scene):
         raise ValueError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
+    batched = batched_field(scene)
+    if batched is not None:
+        raise ValueError(_several_scenes(scene, *batched))
     return scene.prepared()
+
+
+def _several_scenes(scene: Scene, where: str, shape: tuple[int, ...]) -> str:
+    """What to type where a scene holds arrays in place of numbers."""
+    said = f"{where} has the shape {shape}, and one scene has one number there; "
+    if all(jnp.shape(leaf)[:1] == shape[:1] for leaf in jax.tree.leaves(scene)):
+        return said + "solve the batch with jax.vmap(sg.solve, in_axes=(0, None))(scene, pressure)."
+    name = where.rpartition(".")[2]
+    return said + f"make it inside of vmap: jax.vmap(lambda {name}: sg.solve(make_scene({name}), pressure))(values)."
+
+
+def _one_pressure(pressure: Any) -> Scalar:
+    """The pressure of one state, Pa."""
+    checked = require("pressure", pressure, "nonnegative", "pressure")
+    if checked.ndim:
+        raise ValueError(
+            f"pressure has the shape {checked.shape}, and solve takes one number; type sg.path(scene, pressures) for a "
+            "curve, or jax.vmap(sg.solve, in_axes=(None, 0))(scene, pressures)."
+        )
+    _doubt_pressure("pressure", pressure, checked)
+    return checked
+
+
+def _doubt_pressure(name: str, given: Any, pressure: Array) -> None:
+    """A warning where a pressure that was typed was probably meant in kPa; what was computed is taken as it is."""
+    if not isinstance(given, jax.Array) and is_concrete(pressure):
+        warn(doubts(name, np.asarray(pressure), "pressure", "nonnegative"))
 
 
 @jax.jit
@@ -257,13 +289,17 @@ def solve(scene: Scene, pressure: Any) -> Solution:
 
 def to_solve(scene: Scene, pressure: Any) -> tuple[Scene, Scalar]:
     """What `solve` hands to its program."""
-    return _checked(scene), require("pressure", pressure, "nonnegative", "pressure")
+    return _checked(scene), _one_pressure(pressure)
 
 
 def path(scene: Scene, pressures: Any) -> Solution:
     """The curve of solutions at the given pressures (Pa), on the branch connected to zero load; a batched Solution."""
     scene = _checked(scene)
-    return _path(scene, jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure")))
+    checked = jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure"))
+    if checked.ndim > 1:
+        raise ValueError(f"pressures has the shape {checked.shape}; it must be one list of pressures.")
+    _doubt_pressure("the highest of the pressures", pressures, checked)
+    return _path(scene, checked)
 
 
 def branch(scene: Scene, n: int = 200) -> Solution:
@@ -315,7 +351,13 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
         raise ValueError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
     if scene.OBSERVABLES[name] == "position":
         raise ValueError(f"{name} is a point (x, y); one pressure can meet one number.")
-    return scene, name, require(name, value, "finite", scene.OBSERVABLES[name])
+    wanted = require(name, value, "finite", scene.OBSERVABLES[name])
+    if wanted.ndim:
+        raise ValueError(
+            f"{name} has the shape {wanted.shape}, and pressure_for takes one number; type "
+            f"jax.vmap(lambda {name}: sg.pressure_for(scene, {name}={name}))(values)."
+        )
+    return scene, name, wanted
 
 
 @partial(jax.jit, static_argnames="name")

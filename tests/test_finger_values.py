@@ -206,7 +206,7 @@ def test_linear_finger_by_hand():
 
 def test_linear_finger_answers_every_question():
     scene = sg.pneunet.Linear(pneunet(TYPE_A))
-    straight = sg.solve(scene, 1.0)
+    straight = sg.solve(scene, 0.1 * kPa)
     assert straight.status == OK
     np.testing.assert_allclose(straight.tip / mm, [77, 0], atol=1e-12)
     assert straight.tip_force == 0

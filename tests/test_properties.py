@@ -6,12 +6,15 @@ The examples are drawn by hypothesis over the admissible space. Every number is 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import softgrip_jax as sg
 from softgrip_jax.units import kPa, mm
 
+# The laws hold over decades, also at sizes that nobody builds.
+pytestmark = pytest.mark.filterwarnings("ignore:.*did you mean")
 FEW = settings(max_examples=25, deadline=None, derandomize=True)
 OK, BEYOND, UNTOUCHED = (int(sg.Status[name]) for name in ("OK", "BEYOND_LIMIT", "NO_CONTACT"))
 

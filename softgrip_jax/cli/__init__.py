@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 import typer
 
 from ..errors import ConfigError
+from ..plausible import units_are_stated
 from . import files as files
 from . import programs
 from . import runs as runs
@@ -53,4 +54,6 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> NoReturn:
     """Entry point of the console script."""
     programs.settings()
-    sys.exit(run(sys.argv[1:]))
+    with units_are_stated():
+        code = run(sys.argv[1:])
+    sys.exit(code)

@@ -31,6 +31,10 @@ DIP_POINTS, DIP_ROUNDS = 13, 3
 the curve rises least, the slope is sampled in three cells, then around its least value, to 1/140 of a cell."""
 
 
+RISES_AT_FIRST = 1e-3
+"""A curve with one maximum still rises at this part of its length: loads begin with the third power of the angle."""
+
+
 class Scan(NamedTuple):
     """Samples of a curve, and how far it rises."""
 
@@ -138,6 +142,25 @@ def first_maximum(function: Function, scan: Scan, wanted: Bool[Array, ""]) -> Sc
         return jnp.where(past, jnp.abs(slope), -slope)
 
     return bracketed_root(beyond, low, high).x
+
+
+def first_maximum_before(
+    function: Function, start: Scalar, end: Scalar, may_dip: bool
+) -> tuple[Scalar, Bool[Array, ""]]:
+    """(x, whether there is one): the first maximum of `function`, which rises at first, between `start` and `end`.
+
+    may_dip: False where there is one maximum at most: the slope at the end then tells, and a curve that still rises
+    there costs one slope. No derivatives pass through.
+    """
+    start, end = lax.stop_gradient((start, end))
+    if may_dip:
+        scan = scan_curve(function, start, end, "dips")
+        falls = scan.falls & (scan.last > 0)
+        return jnp.where(falls, first_maximum(function, scan, falls), end), falls
+    falls = slope_of(function)(end) <= 0
+    low, high = end - (end - start) * jnp.where(falls, 1 - RISES_AT_FIRST, 0.0), end
+    peak = newton_bracketed(lambda x: -slope_of(function)(x), low, high, 0.5 * (low + high)).x
+    return jnp.where(falls, peak, end), falls
 
 
 def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, stop: Scalar) -> Crossing:

@@ -17,7 +17,6 @@ from jaxtyping import Array, Float
 
 from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
-from ..materials import NeoHookean
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.once import differentiated_once
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed
@@ -272,12 +271,12 @@ def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
 def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
     """M_T of `Chamber`, N m, for inner loops. Zero, with zero derivatives, below contact; NaN where there is none.
 
-    A neo-Hookean wall is one scalar root, for its pressure rises all along theta_m2; other materials are searched as
-    the scene is, for the first rising branch.
+    A wall whose pressure rises all along theta_m2 (neo-Hookean) is one scalar root; other materials are searched as the
+    scene is, for the first rising branch.
     """
     scene = within(finger, inclination)
     fixed, target = lax.stop_gradient((scene, pressure))
-    if isinstance(finger.material, NeoHookean):
+    if finger.material.closed_forms().has_rising_wall:
         low, high = fixed.search_interval()
         # The pressure of a flat wall rises with the third power of its angle, of a round one a little more slowly.
         flat, most = jax.vmap(fixed.load)(jnp.stack([low, high]))

@@ -17,7 +17,6 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import is_concrete, to_float_array
-from ..materials import NeoHookean
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
 from ..path_scene import LATER, PathScene, Span
@@ -264,7 +263,7 @@ class FingerScene(PathScene):
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
             touch = wall.load(touching_angle(one))
-            if isinstance(finger.material, NeoHookean):
+            if finger.material.closed_forms().has_rising_wall:
                 return touch, scale, wall.load(jnp.pi + jnp.zeros_like(scale))
             return touch, scale, wall_limit(one)
 
@@ -281,7 +280,7 @@ class FingerScene(PathScene):
     def is_driven_by_moment(self) -> bool:
         """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentSpan`."""
         alike = self.finger.segments is None and self.inclination == "none" and not self.is_arcs()
-        return alike and isinstance(self.finger.material, NeoHookean)
+        return alike and self.finger.material.closed_forms().has_rising_wall
 
     def driven(self, pressure):
         if not self.is_driven_by_moment():

@@ -19,7 +19,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..materials import Material, MooneyRivlin, NeoHookean
+from ..materials import Material
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed, solve_small
 from ..results import gate
 from .finger import PneuNet
@@ -468,7 +468,7 @@ def section_law(name: str, material: Material) -> SectionLaw:
         return Inextensible()
     if name != "exact":
         raise ValueError(f"section is {name!r}; it must be one of {', '.join(map(repr, LAWS))}.")
-    return ExactNeoHookean() if isinstance(material, NeoHookean | MooneyRivlin) else ExactQuadrature(material)
+    return ExactNeoHookean() if material.closed_forms().neo_hookean_in_plane_strain else ExactQuadrature(material)
 
 
 def curvature_and_stretch(name: str, finger: PneuNet, moment: Any, tension: Any) -> tuple[Scalar, Scalar]:

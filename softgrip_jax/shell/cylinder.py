@@ -7,10 +7,13 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 
 from ..checked import positive
-from ..membrane import angle_of_stretch, arc_chain, flat_contact_angle
+from ..curve_scene import Approach
+from ..membrane import angle_of_stretch, arc_chain, contact_half_width
+from ..reasons import Reason
 from ..scene import Scene
 from .energy_contacts import EnergyCylinder
 from .flat_shell import Scalar, ShellScene
+from .free import Free
 from .obstacles import Cylinder
 
 ALMOST_ONE = 1 - 1e-9
@@ -28,8 +31,8 @@ class CylinderState(NamedTuple):
     """e, the mean straight length on one side: (e_1 + e_2)/2 when offset."""
     stretch: Scalar
     """lambda_1 of the free arc, theta_m / sin(theta_m)."""
-    edge_stretch: Scalar
-    """lambda_1 at the edge of the contact, (3.22)."""
+    sunk: Scalar
+    """r (1 - cos theta_c): how much deeper than at first contact the edge of the contact lies, m."""
 
 
 class CylinderContact(ShellScene):
@@ -39,7 +42,8 @@ class CylinderContact(ShellScene):
 
     Given theta_c, (3.16) with R = a / sin(theta_m) (3.18) is a quadratic in tan(theta_m / 2); then e from (3.15),
     lambda_2 (3.14), lambda_1 (3.19), kappa_2 (3.30), p (2.4). The half width c_a of the contact follows from one more
-    scalar root: (3.27) with (3.20), (3.21) is (3.11) with d := gap. Elliptical area (3.28); force p A_c along the
+    scalar root: (3.27) with (3.20), (3.21) is (3.11) with d := gap and the stretch (3.22) of the contact's edge, an arc
+    of tan(theta_me / 2) = (gap + r (1 - cos theta_c)) / a, (3.26). Elliptical area (3.28); force p A_c along the
     normal, force_z its projection (3.29). The model ends where e = 0 or c_a = a, whichever comes first.
     """
 
@@ -61,14 +65,27 @@ class CylinderContact(ShellScene):
     def energy_scene(self) -> Scene:
         return EnergyCylinder(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
 
-    def geometry(self):
+    def approach(self):
+        touch = 2 * jnp.arctan(self.gap / self.shell.a)
+        return Approach(Free(self.shell), touch, self.load(jnp.zeros_like(touch)))
+
+    def ends(self) -> tuple[Scalar, Scalar]:
+        """theta_c where a straight length is used up, and where the contact is as wide as the membrane (or no less)."""
         a, r, gap = self.shell.a, self.radius, self.gap
         used_up = taut_angle(self.reach(), a, r, gap)
         # c_a = a at theta_ma = pi, where (3.11) gives lambda_1 = 1 + pi gap / (2 a); then (3.22), (3.26) backwards.
         theta_me = angle_of_stretch(1 + 0.5 * jnp.pi * gap / a)
         sine2 = (a * jnp.tan(0.5 * theta_me) - gap) / (2 * r)  # sin^2(theta_c / 2)
         covered = 2 * jnp.arcsin(jnp.sqrt(jnp.clip(sine2, 0, ALMOST_ONE)))
-        return jnp.zeros_like(gap), jnp.minimum(used_up, jnp.where(sine2 < ALMOST_ONE, covered, used_up))
+        return used_up, jnp.where(sine2 < ALMOST_ONE, covered, used_up)
+
+    def geometry(self):
+        return jnp.zeros_like(self.gap), jnp.minimum(*self.ends())
+
+    def end_reason(self):
+        used_up, covered = self.ends()
+        own = jnp.where(used_up <= covered, Reason.MEMBRANE_USED_UP, Reason.MEMBRANE_COVERED)
+        return jnp.where(self.locks(), Reason.MATERIAL_LOCKED, own)
 
     def reach(self) -> Scalar:
         """Horizontal distance from the axis of the cylinder to the end of the nearest spherical end, at e = 0, m."""
@@ -79,14 +96,13 @@ class CylinderContact(ShellScene):
         a, b, r = self.shell.a, self.shell.b, self.radius
         s, c = jnp.sin(theta_c), jnp.cos(theta_c)
         # gap + r (1 - cos th_c) = R (cos th_c - cos th_m): 1 - cos written so that small angles lose no digits.
-        depth = self.gap + r * s**2 / (1 + c)
+        sunk = r * s**2 / (1 + c)
+        depth = self.gap + sunk
         t = (depth + jnp.sqrt(depth**2 + (a * s) ** 2)) / (a * (1 + c))  # tan(theta_m / 2)
-        t_e = depth / a  # tan(theta_me / 2): (3.26), R (cos th_c - cos th_m) = depth
         theta_m, over_sine = 2 * jnp.arctan(t), 0.5 * (t + 1 / t)
         big_r = a * over_sine
         flat = b - (r + big_r) * s - a
-        edge_stretch = jnp.arctan(t_e) * (t_e + 1 / t_e)
-        return CylinderState(theta_m, theta_c, big_r, flat, theta_m * over_sine, edge_stretch)
+        return CylinderState(theta_m, theta_c, big_r, flat, theta_m * over_sine, sunk)
 
     def stretches(self, angle):
         state = self.state(angle)
@@ -103,8 +119,8 @@ class CylinderContact(ShellScene):
 
     def half_width(self, state: CylinderState) -> Scalar:
         """c_a: half width of the contact, m."""
-        theta_ma = flat_contact_angle(state.edge_stretch, self.gap / self.shell.a)
-        return self.shell.a - self.gap / jnp.tan(0.5 * theta_ma)
+        a = self.shell.a
+        return a * contact_half_width(self.gap / a, state.sunk / a)
 
     def observe(self, angle, pressure):
         state = self.state(angle)

@@ -8,12 +8,13 @@ import jax.numpy as jnp
 from jax import lax
 
 from ..checked import positive, right_angle
-from ..membrane import arc_chain, flat_contact_stretch, inclined_wall, length_stretch
+from ..curve_scene import Approach
+from ..membrane import arc_chain, first_contact_angle, flat_contact_stretch, inclined_wall, length_stretch
 from ..numerics.roots import bracketed_root, implicit
 from ..scene import Scene, frozen
 from .energy_contacts import EnergyFlat, EnergyInclined
 from .flat_shell import Scalar, ShellScene
-from .free import two_sections
+from .free import Free, FreeSquare, two_sections
 from .obstacles import Plane
 
 
@@ -40,6 +41,10 @@ class FlatContact(ShellScene):
 
     def geometry(self):
         return 2 * jnp.arctan(self.distance / self.shell.a), jnp.pi + jnp.zeros_like(self.distance)
+
+    def approach(self):
+        begins = self.load(self.geometry()[0])
+        return Approach(Free(self.shell), self.geometry()[0], begins)
 
     def _radius(self, angle):
         return self.distance / (2 * jnp.sin(0.5 * angle) ** 2)
@@ -117,6 +122,10 @@ class InclinedContact(ShellScene):
         fixed = frozen(self)
         begin = bracketed_root(lambda theta: width(theta, fixed), low, jnp.pi + jnp.zeros_like(low)).x
         return implicit(width, begin, self), jnp.pi + jnp.zeros_like(self.distance)
+
+    def approach(self):
+        touch = first_contact_angle(self.distance / self.shell.a, self.angle)
+        return Approach(FreeSquare(self.shell), touch, self.load(self.geometry()[0]), touches_early=True)
 
     def is_possible(self):
         return super().is_possible() & (self._wall(jnp.pi + jnp.zeros_like(self.distance)).contact_width > 0)

@@ -12,9 +12,10 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..materials import Material, NeoHookean
+from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
+from ..reasons import Reason
 from ..scene import Scene
 
 Scalar = Float[Array, ""]
@@ -58,6 +59,10 @@ class ShellScene(CurveScene):
     ENDLESS: ClassVar[bool] = False
     """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""
 
+    NO_END: ClassVar[float] = 1e6
+    """Of such a state the pressure has no limit where it is beyond so many mu t_m / a at the last angle; below that the
+    angle's end is the model's end (Ogden's alpha just above 3: p grows with the stretch to the power alpha - 3)."""
+
     def __check_init__(self) -> None:
         if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:
             raise ValueError(f"{type(self).__name__}.model is 'energy'; there is only 'arc' for this scene.")
@@ -99,23 +104,31 @@ class ShellScene(CurveScene):
         return self.shell.material.stretchable(*self.stretches(angle))
 
     def unbounded(self) -> Bool[Array, ""]:
+        end = self.interval()[1]
+        endless = jnp.asarray(False)
+        if self.ENDLESS:
+            endless = self.load(end) > self.NO_END * self.pressure_scale()
+        return endless | self.locks()
+
+    def locks(self) -> Bool[Array, ""]:
+        """Whether the material is stretched to its limit before the geometry ends."""
         if not has_largest_stretch(self.shell.material):
-            return jnp.asarray(self.ENDLESS)
-        return self.ENDLESS | (self.stretchable(self.geometry()[1]) <= 0)
+            return jnp.asarray(False)
+        return self.stretchable(self.geometry()[1]) <= 0
+
+    def end_reason(self):
+        return jnp.where(self.locks(), Reason.MATERIAL_LOCKED, Reason.ARC_CLOSED)
 
     def may_dip(self):
-        return not isinstance(self.shell.material, NeoHookean)
+        return not self.shell.material.closed_forms().has_one_maximum
 
     def is_possible(self):
-        possible = (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
-        if has_largest_stretch(self.shell.material):
-            possible &= self.stretchable(self.geometry()[0]) > 0
-        return possible
+        return (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
 
 
 def has_largest_stretch(material: Material) -> bool:
-    """True for energies that lock at a finite stretch (Gent)."""
-    return type(material).stretchable is not Material.stretchable
+    """True for energies that may lock at a finite stretch: Gent's, and each one that does not say it is endless."""
+    return not material.closed_forms().is_endless
 
 
 LOCKING_MARGIN = 1e-9
@@ -123,7 +136,12 @@ LOCKING_MARGIN = 1e-9
 
 
 def locking_angle(stretchable: Callable[[Scalar], Scalar], start: Scalar, end: Scalar) -> Scalar:
-    """The last angle in [start, end] that the material can reach; no derivatives (the pressure there is infinite)."""
-    start, end = lax.stop_gradient((start, end))
-    lock = bracketed_root(lambda angle: -lax.stop_gradient(stretchable(angle)), start, end).x
-    return jnp.where(stretchable(end) > 0, end, start + (1 - LOCKING_MARGIN) * (lock - start))
+    """The last angle in [start, end] that the material can reach.
+
+    That is `end`, with its derivatives, where the material does not lock before; otherwise shortly before the lock and
+    without derivatives, for the pressure is infinite there. `start` where even that is stretched too far.
+    """
+    low, high = lax.stop_gradient((start, end))
+    lock = bracketed_root(lambda angle: -lax.stop_gradient(stretchable(angle)), low, high).x
+    lock = jnp.where(stretchable(low) > 0, low + (1 - LOCKING_MARGIN) * (lock - low), low)
+    return jnp.where(stretchable(high) > 0, end, lock)

@@ -68,6 +68,23 @@ class Free(ShellScene):
         )
 
 
+class FreeSquare(Free):
+    """The square membrane of thesis 4.2 in free space: stretched equally both ways, p = 2 T / R, (4.7), (4.15), (4.16).
+
+    What `InclinedContact` and the walls of chambers are before they touch.
+    """
+
+    energy_scene = ShellScene.energy_scene
+
+    def stretches(self, angle):
+        stretch = angle_over_sine(angle)
+        return stretch, stretch
+
+    def curvatures(self, angle):
+        curvature = jnp.sin(angle) / self.shell.a
+        return curvature, curvature
+
+
 def two_sections(width, length, heading, n):
     """Profiles across the width and along the length, each (start, arc lengths, curvatures), clamped at z = 0."""
     x, z = arc_chain(width[1], width[2], heading, n)

@@ -1,0 +1,209 @@
+"""Contact of the shell on the branch from zero load; limits, widths and inverses where they used to be wrong."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference as ref
+from helpers import ROD, STENCIL, WEIGHTS, shell
+from scipy.optimize import minimize_scalar
+
+import softgrip_jax as sg
+from softgrip_jax.membrane import contact_half_width
+from softgrip_jax.units import kPa, mm
+
+OK, NO_CONTACT, BEYOND = sg.Status.OK, sg.Status.NO_CONTACT, sg.Status.BEYOND_LIMIT
+
+
+def status_at(scene, pressure):
+    return sg.Status(int(sg.solve(scene, pressure).status))
+
+
+def slope(function, x):
+    """d function / d x by sixth-order differences."""
+    h = 1e-3 * x
+    values = jax.vmap(function)(x + STENCIL * h)
+    return float(np.dot(WEIGHTS, np.asarray(values)) / h)
+
+
+GENT = sg.Gent(mu=175 * kPa, j_m=50.0)
+LOCKING_LATE = {
+    "cylinder": (
+        lambda made, reach: sg.shell.CylinderContact(sg.FlatShell(made.a, reach, made.t_m, made.material), **ROD),
+        43 * mm,
+    ),
+    "offset": (lambda made, reach: sg.shell.AxialOffset(made, height=reach, **ROD), 38 * mm),
+}
+
+
+@pytest.mark.parametrize("kind", LOCKING_LATE)
+def test_a_limit_that_a_locking_material_does_not_set_keeps_its_slope(kind):
+    """The membrane is used up before Gent locks: the end moves with the length that is there."""
+    make, reach = LOCKING_LATE[kind]
+    made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=GENT)
+
+    def limit(reach):
+        return sg.limit_pressure(make(made, reach))
+
+    wanted = slope(limit, reach)
+    assert wanted > 1e5
+    assert float(jax.grad(limit)(reach)) == pytest.approx(wanted, rel=1e-8)
+
+
+THIN = {"a": 16e-3, "b": 43e-3, "t_m": 1.1e-3, "material": {"kind": ref.NEO, "mu": 175e3}}
+SQUARE = THIN | {"b": 16e-3}
+
+
+def free_limit(numbers, square=False):
+    """Pa: the first maximum of free inflation, by SciPy."""
+
+    def load(angle):
+        if not square:
+            return ref.free(angle, numbers)[0]
+        stretch = angle / np.sin(angle)
+        tension, _ = ref.tensions(numbers["material"], numbers["t_m"], stretch, stretch)
+        return 2 * tension * np.sin(angle) / numbers["a"]
+
+    return -minimize_scalar(lambda x: -load(x), bounds=(0.5, 2.5), method="bounded", options={"xatol": 1e-12}).fun
+
+
+FAR = {
+    "plane": (lambda made: sg.shell.FlatContact(made, distance=30 * mm), THIN),
+    "cylinder": (lambda made: sg.shell.CylinderContact(made, radius=20 * mm, gap=30 * mm), THIN),
+    "inclined": (lambda made: sg.shell.InclinedContact(made, distance=30 * mm, angle=0.1), SQUARE),
+}
+
+
+@pytest.mark.parametrize("kind", FAR)
+def test_what_is_touched_only_beyond_the_free_limit_is_never_touched(kind):
+    """The free membrane stands below its limit at every pressure up to it, and touches nothing there."""
+    make, numbers = FAR[kind]
+    scene = make(shell(b=numbers["b"]))
+    wanted = free_limit(numbers, numbers is SQUARE)
+    assert float(sg.limit_pressure(scene)) == pytest.approx(wanted, rel=1e-12)
+    assert float(sg.contact_pressure(scene)) == pytest.approx(wanted, rel=1e-12)
+    for below in (0.3, 0.93, 0.99, 1 - 1e-6):
+        assert status_at(scene, below * wanted) is NO_CONTACT
+    beyond = sg.solve(scene, wanted * (1 + 1e-6))
+    assert sg.Status(int(beyond.status)) is BEYOND
+    assert sg.Reason(int(beyond.reason)) is sg.Reason.LIMIT_BEFORE_CONTACT
+    assert float(beyond.detail) == pytest.approx(wanted, rel=1e-12)
+    pressed = sg.pressure_for(scene, force=0.5)
+    assert sg.Status(int(pressed.status)) is BEYOND
+
+
+@pytest.mark.parametrize("question", [sg.limit_pressure, sg.contact_pressure])
+def test_the_limit_before_contact_has_derivatives(question):
+    def asked(t_m):
+        return question(sg.shell.FlatContact(shell(t_m=t_m), distance=30 * mm))
+
+    # The free limit is in proportion to the thickness.
+    assert float(jax.grad(asked)(1.1 * mm)) == pytest.approx(free_limit(THIN) / (1.1 * mm), rel=1e-10)
+
+
+def test_thesis_shell_and_a_plane_at_30_mm():
+    """At 19.98 kPa the free membrane stands at 22.0 mm: nothing is touched."""
+    solution = sg.solve(sg.shell.FlatContact(shell(), distance=30 * mm), 19.98 * kPa)
+    assert sg.Status(int(solution.status)) is NO_CONTACT
+    assert float(solution.force) == 0
+    free = sg.solve(sg.shell.Free(shell()), 19.98 * kPa)
+    assert float(free.inflation) == pytest.approx(22.0 * mm, abs=0.05 * mm)
+
+
+def test_a_softening_mooney_shell_has_a_positive_limit():
+    made = sg.FlatShell(a=8 * mm, b=10.4 * mm, t_m=0.6 * mm, material=sg.MooneyRivlin(c1=6e5, c2=-1.74e5))
+    limit = float(sg.limit_pressure(sg.shell.FlatContact(made, distance=12 * mm)))
+    numbers = {"a": 8e-3, "b": 10.4e-3, "t_m": 0.6e-3, "material": {"kind": ref.MOONEY, "c1": 6e5, "c2": -1.74e5}}
+    assert limit == pytest.approx(free_limit(numbers), rel=1e-10)
+
+
+def test_a_material_that_locks_before_it_touches_holds_any_pressure():
+    made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.Gent(mu=175 * kPa, j_m=0.5))
+    scene = sg.shell.FlatContact(made, distance=20 * mm)
+    assert np.isinf(float(sg.limit_pressure(scene)))
+    assert np.isinf(float(sg.contact_pressure(scene)))
+    assert status_at(scene, 1000 * kPa) is NO_CONTACT
+
+
+def longdouble_half_width(gap, sunk):
+    """c_a / a from (3.11), (3.22) as they are written, by bisection with 64-bit mantissas."""
+    gap, sunk = np.longdouble(gap), np.longdouble(sunk)
+    height = gap + sunk
+    wanted = (np.arctan(height) * (height + 1 / height) - 1) / gap
+    low, high = np.arctan(gap), np.arctan(np.longdouble(1)) * 2
+    for _ in range(80):
+        half = (low + high) / 2
+        if half / np.sin(half) ** 2 - np.cos(half) / np.sin(half) > wanted:
+            high = half
+        else:
+            low = half
+    return 1 - gap * np.cos(low) / np.sin(low)
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).nmant < 63, reason="no extended precision on this machine")
+def test_a_narrow_contact_loses_no_digits():
+    for gap in (0.02, 0.1, 0.5, 1.5):
+        for sunk in (1e-5, 1e-3, 0.02):
+            wanted = longdouble_half_width(gap, sunk)
+            if wanted < 1:
+                # What the reference itself loses: its rounding over the width, once more for F at small angles.
+                allowed = 100 * np.finfo(np.longdouble).eps / wanted / gap**2
+                assert abs(float(contact_half_width(jnp.asarray(gap), jnp.asarray(sunk))) / wanted - 1) < max(
+                    allowed, 1e-14
+                )
+
+
+def test_the_width_of_a_narrow_contact_by_its_series():
+    """To first order F'(h) dh = F'(h) sunk / (1 + gap^2) + F(h) sunk / gap, far below what differences can tell."""
+    gap, sunk = 0.3125, 1e-13
+    h = np.arctan(gap)
+    rise, value = 2 * (1 - h / np.tan(h)) / np.sin(h) ** 2, h / np.sin(h) ** 2 - 1 / np.tan(h)
+    dh = sunk / (1 + gap**2) + value * sunk / gap / rise
+    wanted = dh / np.sin(h) / np.cos(h)
+    assert float(contact_half_width(jnp.asarray(gap), jnp.asarray(sunk))) == pytest.approx(wanted, rel=1e-11)
+
+
+@pytest.mark.parametrize("make", [sg.shell.CylinderContact, pytest.param(sg.shell.Grasp, marks=pytest.mark.slow)])
+def test_pressure_for_finds_every_force_that_solve_reports(make):
+    """From a hair above contact to a hair below the limit, over shells that failed."""
+    designs = jnp.array([[50, 60, 40, 5], [16, 20, 20, 5], [16, 43, 20, 5], [10, 90, 60, 0.5]]) * mm
+    shares = jnp.array([1e-6, 1e-4, 0.01, 0.5, 0.9, 1 - 1e-4, 1 - 1e-7])
+
+    def one(design, share):
+        a, b, radius, gap = design
+        made = sg.FlatShell(a=a, b=b, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        scene = make(made, radius=radius, gap=gap)
+        contact, limit = sg.contact_pressure(scene), sg.limit_pressure(scene)
+        state = sg.solve(scene, contact + share * (limit - contact))
+        by_force = sg.pressure_for(scene, force=state.force)
+        by_force_z = sg.pressure_for(scene, force_z=state.force_z)
+        return (
+            state.status,
+            by_force.status,
+            by_force_z.status,
+            jnp.stack([by_force.pressure, by_force_z.pressure]) / state.pressure,
+        )
+
+    every = jax.vmap(jax.vmap(one, (None, 0)), (0, None))(designs, shares)
+    assert np.all(np.asarray(every[0]) == OK)
+    assert np.all(np.asarray(every[1]) == OK)
+    assert np.all(np.asarray(every[2]) == OK)
+    np.testing.assert_allclose(np.asarray(every[3]), 1, rtol=1e-12)
+
+
+def test_no_limit_means_that_any_pressure_is_held():
+    """Ogden's alpha above 3: the pressure of a free membrane rises for ever, but slowly."""
+    made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.Ogden(mu=[1e5, -1e4], alpha=[3.1, -2.0]))
+    scene = sg.shell.Free(made)
+    limit, unit = float(sg.limit_pressure(scene)), float(scene.pressure_scale())
+    for pressure in (10 * unit, 100 * unit, 1e4 * unit):
+        assert status_at(scene, pressure) is (OK if pressure < limit else BEYOND)
+
+
+def test_a_state_next_to_the_lock_converges():
+    """The load is so steep there that rounding of the angle alone is above the tolerance."""
+    made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.Gent(mu=175 * kPa, j_m=5.0))
+    scene = sg.shell.Free(made)
+    assert np.isinf(float(sg.limit_pressure(scene)))
+    for pressure in (30, 1e3, 1e5):
+        assert status_at(scene, pressure * scene.pressure_scale()) is OK

@@ -1,0 +1,67 @@
+"""Wide random checks, outside of `make test`: `make check`, or `python tests/wide --shells 100000`.
+
+Prints, for every kind of scene and material, how many designs were looked at, what came back, and how many break which
+invariant. Exit code 1 where any does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).resolve().parent.parent)]
+
+import numpy as np  # noqa: E402
+
+import softgrip_jax  # noqa: E402, F401  switches float64 on
+
+BATCH = 8192
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--shells", type=int, default=1_000_000, help="how many shells, over all scenes and materials")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--only", default="", help="kinds and materials whose name has this in it")
+    parser.add_argument("--show", action="store_true", help="print a design for each kind of violation")
+    asked = parser.parse_args()
+    bad = run_shells(asked.shells, asked.seed, asked.only)
+    if asked.show:
+        from shells import WORST
+
+        for what, design in WORST.items():
+            print(what, *design, sep="\n    ")
+    return 1 if bad else 0
+
+
+def run_shells(total: int, seed: int, only: str) -> int:
+    """The number of violations."""
+    from random_shells import KINDS, LAWS
+    from shells import measured, violations
+
+    pairs = [(k, m) for k in KINDS for m in LAWS if only in f"{k} {m}"]
+    each, bad = -(-total // len(KINDS) // len(LAWS)), 0
+    for kind, law in pairs:
+        began, compiled, counts = time.perf_counter(), measured(KINDS[kind], LAWS[law]), Counter()
+        draw = np.random.default_rng([seed, *kind.encode(), *law.encode()])
+        while counts["designs"] < each:
+            counts += violations(kind, law, draw, min(BATCH, each), compiled)
+        bad += report(f"{kind} {law}", counts, time.perf_counter() - began)
+    return bad
+
+
+def report(name: str, counts: Counter, seconds: float) -> int:
+    """One line on what was seen, one on each kind of violation."""
+    said = ", ".join(f"{n:,} {what}" for what, n in counts.items() if not what.startswith("!"))
+    print(f"{name}: {said} ({seconds:.0f} s)", flush=True)
+    broken = {what: n for what, n in counts.items() if what.startswith("!") and n}
+    for what, n in broken.items():
+        print(f"    {n:,} {what[2:]}", flush=True)
+    return sum(broken.values())
+
+
+if __name__ == "__main__":
+    sys.exit(main())
