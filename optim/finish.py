@@ -1,10 +1,11 @@
 """The last digits: second-order methods with exact slopes on a few designs, all in step.
 
 Sequential quadratic programming (Kraft's SLSQP) lands on the active constraints and bounds; where every goal is a
-`reach` and nothing is constrained, the trust-region least squares of Branch, Coleman and Li take their place: they know
-the curvature from the first step. Both are SciPy's, and both ask for one design at a time, while a batch of designs
-costs little more than one: so each design is finished in a thread of its own, and what all of them ask for is solved
-together. Optimistix, whose solvers run inside one compiled program, would compile the physics once more.
+`reach` and nothing is constrained but by rules, the trust-region least squares of Branch, Coleman and Li come first:
+they know the curvature from the first step, and only where they end with a broken rule does the other method go on.
+Both are SciPy's, and both ask for one design at a time, while a batch of designs costs little more than one: so each
+design is finished in a thread of its own, and what all of them ask for is solved together. Optimistix, whose solvers
+run inside one compiled program, would compile the physics once more.
 """
 
 from __future__ import annotations
@@ -111,12 +112,19 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
         evaluate: the search's Evaluator.
         judge: values -> (Judged, its derivatives by the values).
     """
-    squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.sides
+    squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.limits
 
     def one(k: int, look: Look) -> np.ndarray:
+        start = candidates[k]
         if squares:
-            return _least_squares(candidates[k], look, problem, scales)
-        return _programmed(candidates[k], look, judge, bool(problem.sides))
+            # Most ends keep the rules by themselves; the others are a good start for what makes them keep the rules.
+            start = _least_squares(start, look, problem, scales)
+            if not problem.sides:
+                return start
+            values, _, shortfall = look(start)
+            if shortfall == 0 and np.max(judge(values)[0].violations, initial=0.0) <= 0:
+                return start
+        return _programmed(start, look, judge, bool(problem.sides))
 
     return on_bounds(np.stack(in_step(evaluate, len(candidates), one)))
 

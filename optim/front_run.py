@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
@@ -23,7 +22,7 @@ from softgrip_jax.units import DISPLAY
 
 from . import settings
 from .pareto import Front, pareto
-from .records import design_row, in_si, versions, write_csv
+from .records import agreed, design_row, in_si, said, versions, write_csv
 
 SHOWN = 9
 """Designs in the printed table, spread over the front; designs.csv has them all."""
@@ -59,7 +58,7 @@ def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) 
     (folder / "designs").mkdir()
     first = problem.goals[0].quantity
     for k, design in enumerate(front.designs):
-        scenes = problem.space.scenes_at(jnp.asarray(design.x))
+        scenes = problem.scenes_at(design.x)
         text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(first.at, scenes[first.scene]))
         (folder / "designs" / f"{k + 1:02d}.toml").write_text(text, encoding="utf-8")
     places = [problem.asked.index(goal.quantity) for goal in problem.goals]
@@ -76,7 +75,7 @@ def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) 
         "solves": front.solves,
         "stopped": front.stopped,
         "seconds": front.seconds,
-    } | versions()
+    } | (agreed(problem) | versions())
     (folder / "result.json").write_text(json.dumps(summary, indent=2), encoding="utf-8")
 
 
@@ -96,5 +95,7 @@ def report(front: Front, console: Console) -> None:
         numbers = [f"{x / DISPLAY[kind][1]:.5g}" for x, kind in zip(design.x, problem.space.kinds, strict=True)]
         table.add_row(str(k + 1), *values, *numbers)
     console.print(table)
+    for sentence in said(problem):
+        console.print(sentence, soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in front.seconds.items())
     console.print(f"{front.solves} designs solved with derivatives ({times})", soft_wrap=True)

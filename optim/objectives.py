@@ -2,6 +2,8 @@
 
 Quantities and the states that they are asked in: see `softgrip_jax.quantities`.
 
+Every rule of the scenes is a limit, too, unless it is ignored by name: see `rules`.
+
 A design without equilibrium has no observables. It has a shortfall instead: a positive pure number, differentiable,
 that says how far the design is from an equilibrium, so that a search can climb back (see `_shortfall`).
 """
@@ -20,10 +22,13 @@ from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import Asked, Quantity, State, named
+from softgrip_jax.quantities import AT_REST, Asked, Quantity, State, named
+from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 
+from .laws import differing_laws
+from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .variables import Space
 
 Scalar = Float[Array, ""]
@@ -93,10 +98,16 @@ class Measured(NamedTuple):
     """What one design does, before anything is wanted of it."""
 
     values: Float[Array, " q"]
-    """Every quantity in SI, in the order of `Problem.quantities`; NaN where there is none."""
+    """Every quantity in SI, in the order of `Problem.quantities`, then the margins of rules that are not among them;
+    NaN where there is none."""
     shortfall: Scalar
     """0 where every state has its equilibrium; else how far it is missing, summed over the states."""
     statuses: Int[Array, " s"]
+    """Of every state in the order of `Problem.asked.states`, with the rules on."""
+    reasons: Any = None
+    """Of every state, the number of a `Reason`."""
+    details: Any = None
+    """The number that belongs to it, SI."""
 
 
 class Judged(NamedTuple):
@@ -112,27 +123,79 @@ class Problem:
 
     `measure` holds the physics and is what takes time, to compile and to run; `judge` holds what is wanted and is
     cheap, so that bounds, targets and weights can change without a new compilation.
+
+    Args:
+        space: the scenes and what may vary of them.
+        goals: what is wanted.
+        limits: what must be kept beside the rules.
+        ignore_rules: names of rules that designs need not keep, beside those that a scene ignores itself.
+        different_laws: whether scenes may treat the finger that they share by different laws.
     """
 
-    def __init__(self, space: Space, goals: Sequence[Goal], limits: Sequence[Limits] = ()):
+    def __init__(
+        self,
+        space: Space,
+        goals: Sequence[Goal],
+        limits: Sequence[Limits] = (),
+        *,
+        ignore_rules: Sequence[str] = (),
+        different_laws: bool = False,
+    ):
         if not goals:
             raise InputError("There is no goal; say what to minimise, maximise or reach.")
-        self.space, scenes = space, space.scenes
+        self.ignored_rules = require_rules(ignore_rules)
+        self.different_laws = tuple(differing_laws(space))
+        """Sentences about scenes that treat what they share by different laws."""
+        if self.different_laws and not different_laws:
+            raise InputError(f"{self.different_laws[0][:-1]}; give them the same, or set different_laws = true.")
+        self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
         self.asked = Asked(scenes, [item.quantity for item in (*self.goals, *self.limits)])
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
-        self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
-        """(index of the quantity, sign, bound, scale) of every one-sided constraint, in the order of the violations."""
+
+    @property
+    def ignored(self) -> tuple[str, ...]:
+        """Names of the rules that designs may break, in the search or as a scene says itself."""
+        own = {name for scene in self.space.scenes.values() for name in scene.ignored_rules}
+        return tuple(name for name in RULE_NAMES if name in own | set(self.ignored_rules))
+
+    @cached_property
+    def rules(self) -> list[Quantity]:
+        """The margins that every design keeps at zero or more. Fingers are traced to tell them: once, when needed."""
+        found = rules_of(without_rules(self.space.scenes), self.asked.states)
+        own = {name: scene.ignored_rules for name, scene in self.space.scenes.items()}
+        return [rule for rule in found if rule.rule not in (*own[rule.scene], *self.ignored_rules)]
+
+    @cached_property
+    def measured(self) -> Asked:
+        """All that is measured: the quantities, then the margins of rules that are not among them."""
+        return Asked(without_rules(self.space.scenes), [*self.quantities, *self.rules])
+
+    @cached_property
+    def sides(self) -> list[tuple[int, int, float, float | None]]:
+        """(index of the quantity, sign, bound, scale) of every one-sided constraint, in the order of the violations:
+        the limits, then the rules."""
+        sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
+        return sides + [(self.measured.index(rule), -1, 0.0, SCALE) for rule in self.rules]
+
+    def scenes_at(self, x: Any) -> dict[str, Scene]:
+        """The scenes of a design at SI values x, with the rules that the search keeps."""
+        return ignoring(self.space.scenes_at(jnp.asarray(x)), self.ignored_rules)
+
+    def margins(self, values: Any) -> np.ndarray:
+        """The margins (m) of all rules, in the order of `rules`, from measured values."""
+        return np.asarray(values)[[self.measured.index(rule) for rule in self.rules]]
 
     def measure(self, t: Float[Array, " n"]) -> Measured:
         """The design at unit values t: every quantity that any goal or limit needs, each state solved once."""
-        scenes = self.space.scenes_at(self.space.from_unit(t))
-        states = self.asked.states
-        limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(name for name, _ in states)}
-        values, statuses = self.asked.measure(scenes, limits)
+        scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
+        states, asked_for = self.measured.states, [name for name, at in self.measured.states if at != AT_REST]
+        limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
+        found = self.measured.measure(scenes, limits)
+        values, statuses = found.values, found.statuses
         shortfalls = [
-            _shortfall(scenes[name], at, status, limits[name])
+            _shortfall(scenes[name], at, status, limits.get(name))
             for (name, at), status in zip(states, statuses, strict=True)
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by: the way back is
@@ -141,9 +204,16 @@ class Problem:
         lost = 1 + jnp.mean((t - home) ** 2)
         good, missing = statuses == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
+        # A quantity that is not known of a solved state (a limit that was not found) is no kept constraint.
+        state_of = np.array(self.measured.state_of)
+        unknown = jnp.zeros(len(states), bool).at[state_of].max(jnp.isnan(values))
+        missing = jnp.where(good & unknown, lost, missing)
         # At a pressure too low to touch there are zeros to report, but nothing to improve by.
-        values = jnp.where(good[np.array(self.asked.state_of)], values, jnp.nan)
-        return Measured(values, jnp.sum(missing), statuses)
+        values = jnp.where(good[state_of], values, jnp.nan)
+        margins = values[np.array([self.measured.index(rule) for rule in self.rules], int)]
+        reported = with_rules_on(found, states, self.rules, jax.lax.stop_gradient(margins))
+        own = np.array([states.index(state) for state in self.asked.states])
+        return Measured(values, jnp.sum(missing), *(column[own] for column in reported[1:]))
 
     @cached_property
     def compiled(self) -> Any:
@@ -209,23 +279,23 @@ class Problem:
     def constraint_labels(self) -> list[str]:
         """One name per violation: 'limit_margin at required at least 1.25'."""
         labels = []
-        for k, sign, bound, _ in self.sides:
+        for k, sign, bound, _ in self.sides[: len(self.sides) - len(self.rules)]:
             quantity = self.quantities[k]
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
-        return labels
+        return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
 
 
-def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar) -> Scalar:
+def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar | None) -> Scalar:
     """How far a state is beyond the limit of its scene, a pure number; NaN where the limit says nothing about it.
 
     At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by.
     For a task: 1 - y / target, with y what the scene reaches at NEAR_LIMIT times its limit pressure.
     """
+    if limit is None or at is None or at == AT_REST:
+        return jnp.where(status == Status.OK, 0.0, jnp.nan)
     beyond = (status == Status.BEYOND_LIMIT) & jnp.isfinite(limit)
     safe = jnp.where(beyond, limit, 1.0)
-    if at is None:
-        return jnp.where(status == Status.OK, 0.0, jnp.nan)
     if not isinstance(at, tuple | str):
         return jnp.where(beyond, 1 / NEAR_LIMIT - safe / at, jnp.nan)
     name, target = at if isinstance(at, tuple) else scene.target()

@@ -12,8 +12,10 @@ import jax
 import numpy as np
 
 import softgrip_jax as sg
-from softgrip_jax.units import DISPLAY, unit_key
+from softgrip_jax.results import Status
+from softgrip_jax.units import DISPLAY, mm, unit_key
 
+from . import rules
 from .objectives import Problem
 from .search import Design
 
@@ -22,12 +24,26 @@ def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     """A row of designs.csv: units in the names of the columns."""
     row: dict[str, Any] = {"feasible": design.feasible, "objective": design.objective}
     row["status"] = " ".join(dict.fromkeys(s.name for s in design.statuses))
+    row["reason"] = " ".join(f"{words}." for words in unsolved(problem, design))
     row["violation"] = design.violation
     for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
         row[unit_key(key, kind)] = x / DISPLAY[kind][1]
     for quantity, kind, value in zip(problem.quantities, problem.kinds, design.values, strict=True):
         row[unit_key(problem.label(quantity).replace(" ", "_"), kind)] = value / DISPLAY[kind][1]
-    return row | {"active": "; ".join(design.active)}
+    row["active"] = "; ".join(design.active)
+    row["rules"] = "; ".join(f"{line.label} {line.margins[0] / mm:.6g} mm" for line in _told(problem, design))
+    return row
+
+
+def unsolved(problem: Problem, design: Design) -> list[str]:
+    """Why states of a design are not OK, each reason once."""
+    pairs = zip(design.statuses, design.reasons, strict=False)
+    return list(dict.fromkeys(words for status, words in pairs if status != Status.OK))
+
+
+def _told(problem: Problem, design: Design) -> list[rules.Told]:
+    """The rules that a design breaks or is held by."""
+    return rules.told(problem.rules, [design.margins], len(problem.space.scenes) > 1)
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -48,8 +64,28 @@ def in_si(problem: Problem, design: Design) -> dict[str, Any]:
         "variables": dict(zip(problem.space.names, map(float, design.x), strict=True)),
         "quantities": {name: v if np.isfinite(v) else None for name, v in values.items()},
         "status": [s.name for s in design.statuses],
+        "reason": unsolved(problem, design),
         "active": list(design.active),
+        "rules": [{"rule": line.label, "margin_mm": line.margins[0] / mm} for line in _told(problem, design)],
     }
+
+
+def agreed(problem: Problem) -> dict[str, Any]:
+    """What was agreed: the rules that are kept and those that are ignored, and where scenes differ in their laws."""
+    return {
+        "rules_kept": rules.kept(problem.rules),
+        "rules_ignored": list(problem.ignored),
+        "different_laws": list(problem.different_laws),
+    }
+
+
+def said(problem: Problem) -> list[str]:
+    """The same in sentences, for people."""
+    what = agreed(problem)
+    lines = [f"Every design keeps these rules: {', '.join(what['rules_kept'])}."] if what["rules_kept"] else []
+    if what["rules_ignored"]:
+        lines.append(f"These rules were ignored: {', '.join(what['rules_ignored'])}.")
+    return [*lines, *what["different_laws"]]
 
 
 def versions() -> dict[str, Any]:

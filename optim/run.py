@@ -14,7 +14,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -25,15 +24,15 @@ from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
 from softgrip_jax.folders import Undisturbed
 from softgrip_jax.folders import new_folder as new_folder
-from softgrip_jax.quantities import solution_at
+from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.tables import Table
 
-from . import settings
+from . import rules, settings
 from .front_run import run_front
 from .objectives import Goal, Problem
-from .records import design_row, in_si, versions, write_csv
+from .records import agreed, design_row, in_si, said, unsolved, versions, write_csv
 from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
 
 LINE_EVERY = 10
@@ -136,7 +135,7 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
 
 def best_scenes(result: SearchResult) -> dict[str, Scene]:
     """The scenes of the best design."""
-    return result.problem.space.scenes_at(jax.numpy.asarray(result.best.x))
+    return result.problem.scenes_at(result.best.x)
 
 
 def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], result: SearchResult) -> None:
@@ -151,7 +150,7 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.
-    states = {name: at for name, at in reversed(result.problem.asked.states) if at is not None}
+    states = {name: at for name, at in reversed(result.problem.asked.states) if at not in (None, AT_REST)}
     for name, at in states.items():
         if not plots.has_picture(after[name]):
             continue
@@ -178,7 +177,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "search": wanted.arguments,
         "solves": result.solves,
         "seconds": result.seconds,
-    } | versions()
+    } | (agreed(problem) | versions())
 
 
 def _sense(problem: Problem) -> tuple[int, str]:
@@ -246,13 +245,22 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row("objective", *(f"{d.objective:.5g}" for d in shown))
     if problem.sides:
         table.add_section()
-    for k, label in enumerate(problem.constraint_labels()):
-        table.add_row(label, *(_room(d.violations[k]) for d in shown))
+    limits = problem.constraint_labels()[: len(problem.sides) - len(problem.rules)]
+    for k, label in enumerate(limits):
+        of = problem.sides[k][0]
+        table.add_row(label, *(_room(d.violations[k]) if np.isfinite(d.values[of]) else "-" for d in shown))
+    for line in rules.told(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
+        table.add_row(line.label, *(rules.words(margin) for margin in line.margins))
     table.add_row("status", *(" ".join(dict.fromkeys(s.name for s in d.statuses)) for d in shown))
     console.print(table)
-    for number, design in enumerate(shown[1:], start=1):
-        if design.active:
+    for number, design in enumerate(shown):
+        name = f"Design {number}" if number else "The start"
+        for words in unsolved(problem, design):
+            console.print(f"{name} has no answer: {words}.", soft_wrap=True)
+        if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
+    for sentence in said(problem):
+        console.print(sentence, soft_wrap=True)
     if not result.best.feasible:
         console.print("No design that keeps every constraint was found.", style="bold")
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())

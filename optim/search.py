@@ -26,6 +26,7 @@ from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
+from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
 
 from .finish import LOST, finish
@@ -85,6 +86,8 @@ class Found(NamedTuple):
     shortfall: Float[np.ndarray, " k"]
     shortfall_slopes: Float[np.ndarray, "k n"]
     statuses: Int[np.ndarray, "k s"]
+    reasons: Any = None
+    details: Any = None
 
 
 class Evaluator:
@@ -104,7 +107,9 @@ class Evaluator:
                 self.problem.compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])))
             )
         found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
-        return Found(found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses)
+        return Found(
+            found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses, found.reasons, found.details
+        )
 
 
 def chunk_for(starts: int, finishes: int) -> int:
@@ -139,8 +144,13 @@ class Design:
     """Quantities in SI, in the order of `Problem.quantities`."""
     objective: float
     violations: np.ndarray
-    """Scaled, one per constraint; negative is room."""
+    """Scaled, one per constraint (`Problem.constraint_labels`); negative is room."""
+    margins: np.ndarray
+    """Of the rules in m, in the order of `Problem.rules`; negative where one is broken."""
     statuses: tuple[Status, ...]
+    """Of the states in the order of `Problem.asked.states`, as the scenes say with their rules on."""
+    reasons: tuple[str, ...]
+    """Why each state is not OK, in words; 'solved' where it is."""
     feasible: bool
     rank: float
     active: tuple[str, ...]
@@ -216,7 +226,7 @@ def search(
     advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
     # Called for nothing, to be compiled.
     judge(at_reference.values[0])
-    advance(lanes, Found(*(np.repeat(v, len(lanes.u), axis=0) for v in at_reference)), 0)
+    advance(lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
     lanes, history, stopped = _descend(lanes, evaluate, advance, steps, report)
@@ -288,11 +298,7 @@ def _descend(lanes: Lane, evaluate, advance, steps, report) -> tuple[Lane, dict[
             # NumPy picks the rows: JAX would compile a gather for every number of them.
             fresh = evaluate(np.asarray(lanes.t)[moving])
             # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
-            found = (
-                fresh
-                if found is None
-                else Found(*(_replaced(old, moving, new) for old, new in zip(found, fresh, strict=True)))
-            )
+            found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
             lanes = advance(lanes, found, step)
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
             rank = np.asarray(lanes.best_rank)
@@ -312,7 +318,7 @@ def _descend(lanes: Lane, evaluate, advance, steps, report) -> tuple[Lane, dict[
     return lanes, dict(zip(names, np.array(rows).T, strict=True)), stopped
 
 
-def _replaced(old: np.ndarray, rows: np.ndarray, new: np.ndarray) -> np.ndarray:
+def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     old = old.copy()
     old[rows] = new
     return old
@@ -372,6 +378,14 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
     return kept
 
 
+def _reasons(found: Found, k: int) -> tuple[str, ...]:
+    """Why the states of design k are as they are, in words."""
+    if found.reasons is None:  # a problem of formulas
+        return ()
+    pairs = zip(found.reasons[k], found.details[k], strict=True)
+    return tuple(Reason(int(reason)).text(float(detail)) for reason, detail in pairs)
+
+
 def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
     found, space, designs = evaluate(t), problem.space, []
@@ -380,17 +394,22 @@ def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray)
         judged, _ = judge(found.values[k])
         violations = np.asarray(judged.violations)
         rank = float(_rank(judged.objective, np.max(violations, initial=0.0), found.shortfall[k]))
-        active = [label for label, v in zip(labels, violations, strict=True) if abs(v) < ACTIVE]
+        held = np.abs(violations) < ACTIVE
+        # What is not known of a design counts for nothing, and holds nothing.
+        held &= np.isfinite(found.values[k][[side[0] for side in problem.sides]])
+        active = [label for label, is_held in zip(labels, held, strict=True) if is_held]
         active += [f"{name} at its lower bound" for name, v in zip(space.names, row, strict=True) if v < ACTIVE]
         active += [f"{name} at its upper bound" for name, v in zip(space.names, row, strict=True) if v > 1 - ACTIVE]
         designs.append(
             Design(
                 row,
                 np.asarray(space.from_unit(jnp.asarray(row))),
-                found.values[k],
+                found.values[k][: len(problem.quantities)],
                 float(judged.objective),
                 violations,
+                problem.margins(found.values[k]),
                 tuple(Status(int(s)) for s in found.statuses[k]),
+                _reasons(found, k),
                 rank < 0.5 * _LOST,
                 rank,
                 tuple(active),

@@ -9,6 +9,10 @@ Names and states are those of `softgrip_jax.sections`; the numbers beside a name
 `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) evenly spaced from clamp to tip that the finger's
 shape shall go through, of the scene named by `scene` where there are several.
 
+Every design keeps the rules of its scenes (walls fit, chambers do not overlap, nothing is inside the object, ...);
+`ignore_rules = ["chambers_apart"]` in [design] gives up some by name. Scenes that share a finger must treat it by the
+same laws, unless `different_laws = true` says otherwise.
+
 With `front = 21` two or three goals are not added up but traded off: the result is about so many designs of which none
 is better in every goal than another.
 """
@@ -71,6 +75,8 @@ class DesignTable(Table):
     learning_rate: float = pydantic.Field(default=0.1, gt=0)
     finishes: int = pydantic.Field(default=FINISHED, ge=1, le=1000)
     seed: int = pydantic.Field(default=0, ge=0)
+    ignore_rules: list[str] = []
+    different_laws: bool = False
     front: int | None = pydantic.Field(default=None, ge=3, le=10_000)
 
 
@@ -95,6 +101,8 @@ def read(config: configs.Config) -> Settings:
             Space(scenes, [_variable(scenes, v, where) for v in table.variables]),
             [goal for g in table.goals for goal in _goals(scenes, g, where)],
             [_limits(scenes, c, where) for c in table.constraints],
+            ignore_rules=table.ignore_rules,
+            different_laws=table.different_laws,
         )
     if table.front is None:
         names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")

@@ -5,6 +5,7 @@ Nothing here is written per scene. The keys of a table follow from the fields of
     a = positive("length")            a_mm = 16             the key carries the unit of its kind (units.DISPLAY)
     friction = friction()             friction = 0.96       or a table [scene.friction] with force_N, coefficient
     lever = choice("exact", "rim")    lever = "rim"
+    ignored_rules = rule_names()      ignored_rules = ["chambers_apart"]
     shell = part(FlatShell)           [scene.shell]         `type` chooses where several classes fit, `preset` a
     fingers: int (static)             fingers = 2           ready one, whose other keys may be overridden;
                                                             shell = "mine.toml" is the section [shell] of that file
@@ -287,6 +288,10 @@ def read_field(key: Key, value: Any, where: str) -> Any:
         return read_module(meta["types"], value, f"{where[:-1]}.{key.key}]")
     if "allowed" in meta:
         return pick(value, {name: name for name in meta["allowed"]}, place)
+    if "names" in meta:
+        if not isinstance(value, list):
+            raise ConfigError(f"{place} is {_show(value)}; it must be a list of names from {', '.join(meta['names'])}.")
+        return tuple(pick(name, {name: name for name in meta["names"]}, place) for name in value)
     if type(value) is not key.annotation:
         kind = {int: "a whole number", bool: "true or false", str: "a text"}[key.annotation]
         raise ConfigError(f"{place} is {_show(value)}; it must be {kind}.")
@@ -340,14 +345,14 @@ def to_table(module: Any, bases: tuple[type, ...]) -> dict[str, Any]:
         value, meta = getattr(module, key.name), key.field.metadata
         if value is None and "size" in meta and key.field.default is not None:
             value = np.zeros(meta["size"])  # left out it would be the default
-        if value is None:
+        if value is None or ("names" in meta and not value):
             continue
         if "types" in meta or isinstance(value, Friction):
             table[key.key] = to_table(value, meta.get("types", (Friction,)))
         elif "rule" in meta or meta.get("friction"):
             table[key.key] = _in_unit(np.asarray(value), DISPLAY[meta.get("kind", "number")][1])
         else:
-            table[key.key] = value
+            table[key.key] = list(value) if "names" in meta else value
     return table
 
 
@@ -370,7 +375,7 @@ def keys_of(cls: type) -> dict[str, Key]:
     keys = []
     for field in dataclasses.fields(cls):
         meta, annotation = field.metadata, hints[field.name]
-        known = "rule" in meta or "types" in meta or "allowed" in meta or meta.get("friction")
+        known = any(word in meta for word in ("rule", "types", "allowed", "names")) or meta.get("friction")
         if not known and annotation not in (int, bool, str):
             continue
         if "rule" in meta and "size" not in meta and not shapes_of(annotation):

@@ -9,6 +9,9 @@ A quantity is an observable of one scene in one state. A state is named by what 
 Besides the scene's own observables each state has "pressure" and "limit_margin" (limit pressure over pressure), and
 each scene, without a state, "limit_pressure". Of an observable that is a point there are its components, "tip.x" and
 "tip.y"; of the line that a finger bends to there are "shape.x" and "shape.y" at a part `along` of it.
+
+The margin of a rule (see `reasons`), in metres and negative where the rule is broken, is "margins.walls_fit". Rules of
+the undeformed parts need no state (their state is called "rest", whatever is given); those of a bent finger need one.
 """
 
 from __future__ import annotations
@@ -17,11 +20,14 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from .checked import admissible
 from .errors import InputError
 from .leaves import Scenes
+from .reasons import RULE_NAMES, Reason
 from .results import Solution, Status, in_units
 from .scene import Scene, limit_pressure, pressure_for, solve
 
@@ -32,6 +38,10 @@ REQUIRED = "required"
 LIMIT_PRESSURE = "limit_pressure"
 LIMIT_MARGIN = "limit_margin"
 SHAPE = "shape"
+MARGINS = "margins."
+"""Before the name of a rule: its margin."""
+AT_REST = "rest"
+"""The state of the margins that undeformed parts have."""
 
 NO_LIMIT_MARGIN = 1e6
 """`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
@@ -56,7 +66,12 @@ class Quantity:
         """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
         name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
         name += "" if self.along is None else f" {self.along:.0%} along"
-        return name if self.at is None else f"{name} at {state_label(self.at)}"
+        return name if self.at is None or self.at == AT_REST else f"{name} at {state_label(self.at)}"
+
+    @property
+    def rule(self) -> str | None:
+        """The rule that the quantity is the margin of, where it is one."""
+        return self.observable.removeprefix(MARGINS) if self.observable.startswith(MARGINS) else None
 
     @property
     def state(self) -> tuple[str, State]:
@@ -78,6 +93,10 @@ class Measured(NamedTuple):
     """Every quantity in SI as the library reports it: NaN where there is no equilibrium, zeros without contact."""
     statuses: Int[Array, " s"]
     """Of every state."""
+    reasons: Int[Array, " s"]
+    """Of every state, the number of a `Reason`: why it is not OK."""
+    details: Float[Array, " s"]
+    """The number (SI) that belongs to each reason, NaN where there is none."""
 
 
 class Asked:
@@ -114,28 +133,38 @@ class Asked:
             if q.observable in (LIMIT_PRESSURE, LIMIT_MARGIN) and q.scene not in limits:
                 limits[q.scene] = limit_pressure(scenes[q.scene])
         values: list[Any] = [None] * len(self.quantities)
-        statuses = []
+        statuses, reasons, details = [], [], []
         for state in self.states:
             name, at = state
             limit = limits.get(name)
-            solution = None if at is None else solution_at(scenes[name], at)
-            if solution is None:
-                assert limit is not None  # what is asked without a state is the limit
-                status = jnp.where(limit > 0, Status.OK, Status.IMPOSSIBLE)
+            solution = None if at is None or at == AT_REST else solution_at(scenes[name], at)
+            margins: Mapping[str, Scalar] = {}
+            if solution is not None:
+                status, reason, detail = solution.status, solution.reason, solution.detail
+                margins = solution.margins
             else:
-                status = solution.status
+                if at == AT_REST:
+                    # A margin says by how much a rule is kept or broken: it is an answer either way.
+                    margins, good = scenes[name].prepared().margins_at_rest(), admissible(scenes[name])
+                else:
+                    assert limit is not None  # what is asked without a state is the limit
+                    good = limit > 0
+                status = jnp.where(good, Status.OK, Status.IMPOSSIBLE)
+                reason, detail = jnp.where(good, Reason.NONE, Reason.PARTS_DO_NOT_FIT), jnp.asarray(jnp.nan)
             statuses.append(status)
+            reasons.append(reason)
+            details.append(detail)
             shape = None
             for k, q in enumerate(self.quantities):
                 if q.state != state:
                     continue
                 if q.along is None:
-                    values[k] = _value(q, solution, limit)
+                    values[k] = margins[q.rule] if q.rule else _value(q, solution, limit)
                     continue
                 assert solution is not None
                 shape = solution.shape(SHAPE_POINTS) if shape is None else shape
                 values[k] = jnp.where(status == Status.OK, _along(shape[_component(q)[1]], q.along), jnp.nan)
-        return Measured(jnp.stack(values), jnp.stack(statuses))
+        return Measured(*(jnp.stack(column) for column in (values, statuses, reasons, details)))
 
 
 def solution_at(scene: Scene, at: State) -> Solution:
@@ -153,9 +182,42 @@ def observables_of(scene: Scene) -> dict[str, str]:
     return kinds | {"pressure": "pressure", LIMIT_MARGIN: "number"}
 
 
+def rules_at_rest(scene: Scene) -> tuple[str, ...]:
+    """Names of the rules that the undeformed parts of a scene keep."""
+    return _in_order(jax.eval_shape(lambda scene: scene.prepared().margins_at_rest(), scene))
+
+
+def rules_at(scene: Scene, at: State) -> tuple[str, ...]:
+    """Names of all rules that a state of a scene keeps, those of its undeformed parts among them; nothing is solved."""
+    return _in_order(jax.eval_shape(lambda scene: solution_at(scene, at).margins, scene))
+
+
+def _in_order(margins: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(name for name in RULE_NAMES if name in margins)
+
+
+def _require_margin(quantity: Quantity, scene: Scene) -> None:
+    """A ValueError where a scene has no such margin in that state."""
+    rule, kind = quantity.rule, type(scene).__name__
+    if rule not in RULE_NAMES:
+        raise InputError(f"There is no rule {rule!r}, of which to ask the margin; there are {', '.join(RULE_NAMES)}.")
+    if quantity.at == AT_REST:
+        return
+    if quantity.at is None:
+        raise InputError(
+            f"{quantity.observable} of {kind} is not known at rest: say in which state, for instance at which pressure."
+        )
+    known = rules_at(scene, quantity.at)
+    if rule not in known:
+        raise InputError(f"{kind} has no rule {rule!r}; it has: {', '.join(known) or 'none'}.")
+
+
 def kind_of(quantity: Quantity, scenes: Scenes) -> str:
     """Kind of quantity (key of units.DISPLAY); a ValueError where the scene has no such observable in that state."""
     name, scene = quantity.observable, scenes[quantity.scene]
+    if quantity.rule is not None:
+        _require_margin(quantity, scene)
+        return "length"
     if quantity.at is None:
         if name == LIMIT_PRESSURE:
             return "pressure"
@@ -178,6 +240,8 @@ def named(quantity: Quantity, scenes: Scenes) -> Quantity:
         raise InputError(
             f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
         )
+    if quantity.rule in rules_at_rest(scenes[quantity.scene]):
+        return dataclasses.replace(quantity, at=AT_REST)
     kind_of(quantity, scenes)
     at = quantity.at
     if isinstance(at, str) and at != REQUIRED:

@@ -99,6 +99,8 @@ def _field(key: configs.Key, defs: dict[str, Any]) -> dict[str, Any]:
         return {"anyOf": [_number("positive", "number"), _place((Friction,), defs)]}
     if "allowed" in meta:
         return {"enum": list(meta["allowed"])}
+    if "names" in meta:
+        return {"type": "array", "items": {"enum": list(meta["names"])}}
     if "rule" in meta:
         number = _number(meta["rule"], meta["kind"])
         if "size" in meta:

@@ -6,6 +6,7 @@
 
     "force_N", "tip.x_mm"        a quantity of the one scene; "grasp.force_N" where there are several
     "pressure_kPa", "limit_margin", "limit_pressure_kPa"    see `softgrip_jax.quantities`
+    "margins.walls_fit_mm"       how far a rule is kept (of a bent state, "margins.chambers_apart_mm", with `at`)
 
 The state of a quantity, `at`: "required" (the pressure that the scene's own task needs), or as [solve] asks,
 { pressure_kPa = 31 } or { force_N = 2 }; "limit_pressure_kPa" needs none.
@@ -20,7 +21,18 @@ import pydantic
 from . import config as configs
 from .errors import ConfigError, located
 from .leaves import Scenes
-from .quantities import LIMIT_PRESSURE, REQUIRED, Quantity, State, observables_of
+from .quantities import (
+    AT_REST,
+    LIMIT_PRESSURE,
+    MARGINS,
+    REQUIRED,
+    Quantity,
+    State,
+    named,
+    observables_of,
+    rules_at_rest,
+)
+from .reasons import RULE_NAMES
 from .scene import Scene
 from .units import DISPLAY, unit_key
 
@@ -92,14 +104,30 @@ def quantity(scenes: Scenes, key: str, at: Any, where: str) -> tuple[Quantity, f
     scene_name, key = _scene_of(scenes, key, where)
     scene = scenes[scene_name]
     kinds = observables_of(scene) | {LIMIT_PRESSURE: "pressure"}
+    if key.startswith(MARGINS):
+        return _margin(scene, scene_name, key, at, where), DISPLAY["length"][1]
     keys = {unit_key(name, kind): name for name, kind in kinds.items()}
     if key not in keys:
-        raise ConfigError(f"{where}: there is no quantity {key!r}; it must be one of {', '.join(keys)}.")
+        raise ConfigError(
+            f"{where}: there is no quantity {key!r}; it must be one of {', '.join(keys)}, or {MARGINS} and a rule."
+        )
     name = keys[key]
     if name == LIMIT_PRESSURE and at is not None:
         raise ConfigError(f"{where}: {key} belongs to the scene, not to a state of it; leave out at.")
     state = None if name == LIMIT_PRESSURE else state_of(scene, key, at, where)
     return Quantity(name, state, scene_name), DISPLAY[kinds[name]][1]
+
+
+def _margin(scene: Scene, scene_name: str, key: str, at: Any, where: str) -> Quantity:
+    """The margin of a rule; of undeformed parts whatever the state."""
+    keys = {unit_key(MARGINS + rule, "length"): rule for rule in RULE_NAMES}
+    rule = configs.pick(key, keys, f"{where}: the margin of a rule")
+    at_rest = rule in rules_at_rest(scene)
+    state = AT_REST if at_rest else None if at is None else state_of(scene, key, at, where)
+    try:
+        return named(Quantity(MARGINS + rule, state, scene_name), {scene_name: scene})
+    except ValueError as error:
+        raise ConfigError(f"{where}: {error}") from None
 
 
 def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:

@@ -185,6 +185,8 @@ def _table(path: str, module: Any, bases: tuple[type, ...]) -> list[str]:
         if "types" in meta or isinstance(value, Friction):
             below += ["", *_table(f"{path}.{key.key}", value, meta.get("types", (Friction,)))]
             continue
+        if "names" in meta and not value:
+            continue  # what nobody should need to begin with
         left_out = bool(preset) or (not key.required and _same(value, key.field.default))
         text = f"{key.key} = {_written(key, value)}"
         lines.append(_line(f"# {text}" if left_out else text, _words(key, docs.get(key.name, ""))))

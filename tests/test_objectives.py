@@ -1,5 +1,6 @@
 """Goals and limits: the quantities are those of the library, their slopes are right, and failure leads back."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -168,3 +169,23 @@ def _make(goals, limits=()):
 def test_mistakes_are_named(make, sentence):
     with pytest.raises(ValueError, match=sentence):
         make()
+
+
+class Unsure(sg.shell.Free):
+    """A membrane whose limit pressure is not known where it is thin."""
+
+    no_key: tuple = eqx.field(static=True, kw_only=True)  # keeps the class out of configs
+
+    def limit_pressure_from(self, found):
+        return jnp.where(self.shell.t_m > 1 * mm, super().limit_pressure_from(found), jnp.nan)
+
+
+def test_what_is_not_known_keeps_no_constraint():
+    space = Space({"free": Unsure(shell(), no_key=())}, [Variable("shell.t_m", 0.8 * mm, 1.8 * mm)])
+    goals = [Goal("maximise", Quantity("inflation", 10 * kPa))]
+    wanted = Problem(space, goals, [Limits(Quantity("limit_margin", 10 * kPa), low=1.2)])
+    found, slopes = wanted.compiled(jnp.array([[0.1], [0.4]]))
+    assert [Status(int(s)) for s in found.statuses[:, 0]] == [Status.OK, Status.OK]
+    assert float(found.shortfall[0]) > 0
+    assert float(slopes.shortfall[0, 0]) < 0, "the way back is towards the start"
+    assert float(found.shortfall[1]) == 0

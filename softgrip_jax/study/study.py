@@ -65,13 +65,13 @@ class Study:
 
         def values(x):
             found = self.asked.measure(self.leaves.scenes_at(x))
-            return found.values, found
+            return found.values, {"values": found.values, "statuses": found.statuses}
 
         if not self.gradients:
-            return dict(values(x)[1]._asdict())
+            return values(x)[1]
         slopes, found = jax.jacfwd(values, has_aux=True)(x)
         # A lane without an answer has no slope either: zero would be read as one.
-        return {**found._asdict(), "slopes": jnp.where(jnp.isfinite(found.values)[:, None], slopes, jnp.nan)}
+        return {**found, "slopes": jnp.where(jnp.isfinite(found["values"])[:, None], slopes, jnp.nan)}
 
     @cached_property
     def compiled(self) -> Any:
