@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from softgrip_jax.errors import InputError
 from softgrip_jax.quantities import AT_REST, MARGINS, Measured, Quantity, State, rules_at, rules_at_rest
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
