@@ -17,8 +17,8 @@ import typer
 
 from ..errors import InputError
 from ..plausible import units_are_stated
+from . import ending, programs
 from . import files as files
-from . import programs
 from . import runs as runs
 from . import scenes as scenes
 from .app import FAULT as FAULT
@@ -56,12 +56,17 @@ def run(arguments: Sequence[str]) -> int:
 def main() -> NoReturn:
     """Entry point of the console script."""
     programs.settings()
+    ending.hear_ctrl_c()
     try:
         with units_are_stated():
             code = run(sys.argv[1:])
     except Exception:
-        traceback.print_exc()
-        words = "This is a fault of softgrip_jax and not of what was typed: please report it with the lines above."
-        print(words, file=sys.stderr)
-        code = FAULT
-    sys.exit(code)
+        if ending.heard():
+            print("stopped.", file=sys.stderr)
+            code = STOPPED
+        else:
+            traceback.print_exc()
+            words = "This is a fault of softgrip_jax and not of what was typed: please report it with the lines above."
+            print(words, file=sys.stderr)
+            code = FAULT
+    ending.leave(code)
