@@ -24,6 +24,7 @@ def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
     if out is not None and out.exists():
         raise ConfigError(f"{out} exists already; give --out a new name.")
     final = free_name(name) if out is None else out
+    check_folder(final)
     final.parent.mkdir(parents=True, exist_ok=True)
     unfinished = final.parent / f".{final.name}-{uuid.uuid4().hex}"
     unfinished.mkdir()
@@ -32,8 +33,50 @@ def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
         if final.exists():
             raise ConfigError(f"{final} has come to exist during the run, which was given up so as not to replace it.")
         os.rename(unfinished, final)
+    except OSError as error:
+        if not str(error.filename).startswith(str(unfinished)):
+            raise
+        own = final / Path(error.filename).relative_to(unfinished)
+        raise ConfigError(f"{own} cannot be written: {_reason(error)}.") from None
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
+
+
+def check_folder(folder: Path) -> None:
+    """A ConfigError where a folder that need not exist yet can be neither made nor written to."""
+    absolute = folder.absolute()
+    place = next(path for path in (absolute, *absolute.parents) if path.exists())
+    if not place.is_dir():
+        here = "that is a file" if place == absolute else f"{place} is a file"
+        raise ConfigError(f"A folder {folder} cannot be made: {here}; give --out another place.")
+    reason = why_unwritable(place)
+    if reason:
+        raise ConfigError(f"A folder {folder} cannot be made: {place}: {reason}; give --out another place.")
+
+
+def why_unwritable(folder: Path) -> str:
+    """Why no file can be written to a folder, and '' where one can: found by trying, since root may write anywhere
+    that is not written to at all."""
+    probe = folder / f".{uuid.uuid4().hex}"
+    try:
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        return _reason(error)
+    return ""
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+def contents(folder: Path) -> str:
+    """The names of the files in a folder, and for a folder in it how many it holds."""
+    names = []
+    for path in sorted(folder.iterdir()):
+        if not path.name.startswith("."):
+            names.append(f"{path.name}/ ({len(list(path.iterdir()))} files)" if path.is_dir() else path.name)
+    return ", ".join(names)
 
 
 class Undisturbed:
@@ -54,6 +97,8 @@ class Undisturbed:
 
     def _note(self, number: int, frame: Any) -> None:
         if self.asked:
+            if callable(self._before):
+                self._before(number, frame)
             raise KeyboardInterrupt
         self.asked = True
 
@@ -71,12 +116,18 @@ def free_name(name: str) -> Path:
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
-    """A file that is complete or not there: written beside its place, brought to the disk, then renamed."""
+    """A file that is complete or not there: written beside its place, brought to the disk, then renamed.
+
+    ConfigError with the name of the file itself where that fails.
+    """
     unfinished = path.with_name(f".unfinished-{path.name}")
-    if isinstance(content, bytes):
-        unfinished.write_bytes(content)
-    else:
-        content(unfinished)
-    with unfinished.open("rb") as file:
-        os.fsync(file.fileno())
-    unfinished.replace(path)
+    try:
+        if isinstance(content, bytes):
+            unfinished.write_bytes(content)
+        else:
+            content(unfinished)
+        with unfinished.open("rb") as file:
+            os.fsync(file.fileno())
+        unfinished.replace(path)
+    except OSError as error:
+        raise ConfigError(f"{path} cannot be written: {_reason(error)}.") from None

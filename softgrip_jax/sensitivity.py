@@ -25,7 +25,7 @@ from rich.console import Console
 
 from . import config as configs
 from .errors import located
-from .folders import new_folder
+from .folders import contents, new_folder
 from .leaves import Leaf
 from .progress import stages
 from .quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
@@ -105,7 +105,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
         _write(folder, data)
         _draw(folder, data)
     report(data, console)
-    console.print(f"The analysis is in {final}.", soft_wrap=True)
+    console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
     return final
 
 

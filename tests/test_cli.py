@@ -1,8 +1,10 @@
 """The command line: reports, JSON, pictures and exit codes. Expected numbers are the thesis's."""
 
+import errno
 import json
 import math
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -13,6 +15,8 @@ from conftest import ROOT
 
 from softgrip_jax import thesis
 from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.cli.app import write_file
+from softgrip_jax.errors import ConfigError
 
 CONFIGS = ROOT / "configs"
 
@@ -20,7 +24,7 @@ CONFIGS = ROOT / "configs"
 def solved(capsys, *arguments) -> tuple[int, dict]:
     code = run(["solve", *map(str, arguments), "--json"])
     out, err = capsys.readouterr()
-    assert err == ""
+    assert not [line for line in err.splitlines() if not line.startswith("The picture is in ")]
     return code, json.loads(out)
 
 
@@ -83,6 +87,7 @@ def test_picture(tmp_path, capsys):
     assert run(["solve", config, "--plot", str(picture)]) == 0
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.iterdir()) == [picture]
+    assert f"The picture is in {picture}." in capsys.readouterr().out
     picture.unlink()
     capsys.readouterr()
     assert run(["solve", config, "--pressure-kPa", "500", "--plot", str(picture)]) == NO_ANSWER
@@ -140,3 +145,22 @@ def test_what_nothing_is_drawn_of_is_one_sentence(tmp_path, capsys):
         sentence = "here is no picture of a SmallStrainChamber yet."
         assert capsys.readouterr().err.strip() in (f"{option}: T{sentence}", f"{option}: t{sentence}")
     assert list(tmp_path.iterdir()) == [config]
+
+
+def test_what_a_new_config_says_next_can_be_typed(tmp_path, capsys):
+    file = tmp_path / "my finger.toml"
+    assert run(["new", "shell.Free", str(file)]) == 0
+    printed = capsys.readouterr().out
+    assert str(file) in printed
+    assert run(shlex.split(printed.partition("Next: softgrip ")[2])) == 0
+
+
+def test_a_file_that_cannot_be_written_after_all_is_named(tmp_path):
+    def full(path):
+        path.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    with pytest.raises(ConfigError, match=r"curve.csv cannot be written: no space left on device\.") as caught:
+        write_file(tmp_path / "curve.csv", full)
+    assert str(caught.value).startswith(str(tmp_path / "curve.csv"))
+    assert not list(tmp_path.iterdir())

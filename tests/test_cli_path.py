@@ -19,7 +19,7 @@ FREE = str(ROOT / "configs" / "shell_free.toml")
 def test_the_table_is_what_solve_says_row_by_row(tmp_path, capsys):
     file = tmp_path / "curve.csv"
     assert run(["path", CYLINDER, "--to-kPa", "25", "--points", "6", "--csv", str(file)]) == 0
-    assert capsys.readouterr() == ("", "")
+    assert capsys.readouterr() == (f"The table is in {file}.\n", "")
     rows = list(csv.DictReader(file.read_text().splitlines()))
     assert [float(row["pressure_kPa"]) for row in rows] == [0, 5, 10, 15, 20, 25]
     assert [row["status"] for row in rows] == ["NO_CONTACT", "OK", "OK", "OK", "OK", "BEYOND_LIMIT"]
@@ -79,7 +79,7 @@ def test_through_the_limit_from_and_to_a_pressure(tmp_path, capsys):
     [
         (["--from-kPa", "30", "--to-kPa", "40", "--points", "3"], NO_ANSWER, "There is no state on this curve"),
         (["--from-kPa", "20", "--to-kPa", "10"], MISTAKE, "--from-kPa is 20, the curve ends at 10 kPa; it must rise"),
-        (["--from-kPa", "-1"], MISTAKE, "--from-kPa is -1.0; it must be"),
+        (["--from-kPa", "-1"], MISTAKE, "--from-kPa is -1; it must be"),
         (["--points", "1"], MISTAKE, "--points"),
         (["--observable", "force"], MISTAKE, "--observable is 'force'; it must be one of force_N, force_z_N"),
         (["--plot", "curve.jpg"], MISTAKE, "--plot is 'curve.jpg'; it must be a file that ends in .png, .pdf or .svg"),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import uuid
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ..errors import ConfigError
+from ..folders import why_unwritable
 
 NO_ANSWER, MISTAKE, FAULT, STOPPED = 1, 2, 70, 130
 
@@ -74,18 +74,33 @@ def check_file(path: Path, option: str, endings: tuple[str, ...]) -> None:
     if path.suffix.lower() not in endings:
         words = " or ".join(filter(None, [", ".join(endings[:-1]), endings[-1]]))
         raise ConfigError(f"{option} is {str(path)!r}; it must be a file that ends in {words}.")
-    if path.is_dir() or not os.access(path.parent, os.W_OK):
-        raise ConfigError(f"{option} is {str(path)!r}; a file cannot be written there.")
+    why = "that is a folder" if path.is_dir() else ""
+    if not path.parent.is_dir():
+        why = f"there is no folder {path.parent}"
+    why = why or why_unwritable(path.parent)
+    if why:
+        raise ConfigError(f"{option} is {str(path)!r}; a file cannot be written there: {why}.")
 
 
 PICTURES = (".png", ".pdf", ".svg")
 
 
 def write_file(path: Path, write: Callable[[Path], Any]) -> None:
-    """Complete or not there at all: a file that was stopped half way never has the wanted name."""
+    """Complete or not there at all: a file that was stopped half way never has the wanted name.
+
+    ConfigError with the name of the file itself where it cannot be written.
+    """
     unfinished = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
     try:
         write(unfinished)
         unfinished.replace(path)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise ConfigError(f"{path} cannot be written: {reason}.") from None
     finally:
         unfinished.unlink(missing_ok=True)
+
+
+def tell_file(what: str, path: Path, as_json: bool) -> None:
+    """Name a file that was written; where programs read the output, not there."""
+    typer.echo(f"{what} is in {path}.", err=as_json)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -47,6 +48,7 @@ def new(
     if file.exists():
         raise ConfigError(f"{file} exists already; give another name.")
     write_file(file, lambda path: path.write_text(text, encoding="utf-8"))
+    typer.echo(f"The config is in {file}. Next: {shlex.join(['softgrip', 'solve', str(file)])}")
 
 
 @app.command()

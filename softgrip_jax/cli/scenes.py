@@ -14,7 +14,7 @@ from rich.console import Console
 
 from ..errors import ConfigError, located
 from ..progress import Tell, silent
-from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, write_file
+from .app import NO_ANSWER, PICTURES, AsJson, ConfigFile, SceneName, app, check_file, one_scene, tell_file, write_file
 from .programs import kept
 
 if TYPE_CHECKING:
@@ -92,6 +92,7 @@ def solve(
         with located("--plot"):  # a scene that nothing is drawn of
             picture = draw(solution)
         write_file(plot, picture.savefig)
+        tell_file("The picture", plot, as_json)
 
 
 @app.command()
@@ -184,6 +185,7 @@ def path(
                 csv.writer(file).writerows([header, *rows])
 
         write_file(csv_file, write)
+        tell_file("The table", csv_file, as_json)
     if as_json:
         typer.echo(json.dumps(batch_as_data(curve), indent=2, allow_nan=False))
     elif csv_file is None and plot is None and animate is None:
@@ -196,6 +198,7 @@ def path(
         from ..plots import curve_of
 
         write_file(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
+        tell_file("The picture", plot, as_json)
     if stopped:
         print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
         raise KeyboardInterrupt
@@ -209,6 +212,7 @@ def path(
                 animate,
                 lambda path: animated(asked, rising, path, lambda k, n: status.update(f"drawing: {k} of {n}")),
             )
+        tell_file("The animation", animate, as_json)
 
 
 CHUNK, MARKS = 16, 20

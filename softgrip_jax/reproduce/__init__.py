@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from ..folders import new_folder, write_whole
+from ..folders import contents, new_folder, write_whole
 from ..progress import stages
 from ..tables import Table
 from .rows import Row, Verdict
@@ -67,7 +67,7 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
     else:
         report(rows, console)
         spent = time.monotonic() - began
-        console.print(f"{final / PAGE} and its pictures were written in {spent:.0f} s.", soft_wrap=True)
+        console.print(f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}.", soft_wrap=True)
     if stopped:
         raise KeyboardInterrupt
     return counts(rows)[Verdict.DIFFERS]
