@@ -176,7 +176,7 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
 
 def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTable, where: str) -> Variable:
     number = varied(config.scenes, table.name, where)
-    low, high = number.checked(table.low, "low", where), number.checked(table.high, "high", where)
+    low, high = number.bounds(table.low, table.high, table.scale, where)
     name = number.name
     if len(config.scenes) > 1 and isinstance(table.name, str) and table.name.split(".")[0] not in config.scenes:
         # A number without a scene is that of every scene that has it: its name needs none.

@@ -45,9 +45,14 @@ class VariableTable(Table):
     scale: Literal["linear", "log"] = "linear"
 
 
+def _either(key: str, other: str) -> Any:
+    """A key that may be spelt in two ways, and is named by the first."""
+    return pydantic.Field(default=None, validation_alias=pydantic.AliasChoices(key, other))
+
+
 class GoalTable(Table):
-    minimise: str | None = None
-    maximise: str | None = None
+    minimise: str | None = _either("minimise", "minimize")
+    maximise: str | None = _either("maximise", "maximize")
     reach: str | None = None
     follow: list[list[float]] | None = None
     scene: str | None = None
@@ -112,6 +117,13 @@ def read(config: configs.Config) -> Settings:
     return Settings(problem, {"points": table.front, "starts": table.starts, "seed": table.seed}, True)
 
 
+def asked_first(problem: Problem) -> tuple[str, State]:
+    """(scene, state) of the first goal, or of the first goal or limit that is about a state; None where none is."""
+    wanted = [item.quantity for item in (*problem.goals, *problem.limits)]
+    first = next((quantity for quantity in wanted if quantity.at is not None), wanted[0])
+    return first.scene, first.at
+
+
 def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:
     """The section [solve] that asks for a state, as `config.dump` takes it."""
     if isinstance(at, tuple):
@@ -122,9 +134,7 @@ def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:
 
 def _variable(scenes: Scenes, table: VariableTable, where: str) -> Variable:
     number = varied(scenes, table.name, where)
-    low, high = (number.checked(v, what, where) for what, v in (("low", table.low), ("high", table.high)))
-    if not low < high:
-        raise ConfigError(f"{where}: {number.key} goes from {table.low:g} to {table.high:g}; low must be below high.")
+    low, high = number.bounds(table.low, table.high, table.scale, where)
     return Variable(number.name, low, high, table.scale)
 
 

@@ -198,12 +198,26 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
         key = ".".join(str(part + 1) if isinstance(part, int) else part for part in first["loc"])
         if first["type"] == "extra_forbidden":
-            known = model.model_fields if len(first["loc"]) == 1 else ()
-            raise ConfigError(f"{where}: {_unknown(f'key {key}', key, known)}") from None
+            *parents, name = first["loc"]
+            known = _keys_within(model, parents)
+            raise ConfigError(f"{where}: {_unknown(f'key {key}', str(name), known)}") from None
         if first["type"] == "missing":
             raise ConfigError(f"{where}: the key {key} is missing.") from None
         reason = first["msg"].removeprefix("Value error, ").removeprefix("Input ").rstrip(".")
         raise ConfigError(f"{where}: {key} is {_show(first['input'])}; it {reason}.") from None
+
+
+def _keys_within(model: type[pydantic.BaseModel], place: Iterable[str | int]) -> Iterable[str]:
+    """The keys of the table at a place within the table of a model: ("goals", 0) is the first of [[design.goals]]."""
+    for part in place:
+        if isinstance(part, int):
+            continue
+        annotation = model.model_fields[part].annotation if part in model.model_fields else None
+        inner = next((a for a in typing.get_args(annotation) or (annotation,) if inspect.isclass(a)), None)
+        if inner is None or not issubclass(inner, pydantic.BaseModel):
+            return ()
+        model = inner
+    return model.model_fields
 
 
 def leaf(scene: Scene, dotted: str, where: str) -> Leaf:
@@ -453,5 +467,6 @@ def _stem(name: str) -> str:
 def _show(value: Any) -> str:
     """A value as it stands in a config, cut where it is long."""
     text = {True: "true", False: "false"}.get(value, "") if isinstance(value, bool) else repr(value)
+    text = f"{value:.12g}" if isinstance(value, float) else text
     text = "a table" if isinstance(value, dict) else text
     return text if len(text) <= 60 else text[:57] + "..."

@@ -9,9 +9,32 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from .units import DISPLAY, SI
+
 
 class InputError(ValueError):
     """What somebody gives cannot be meant: a value, a name, a question or data, in one sentence for people."""
+
+
+class JoinedRuleError(InputError):
+    """Numbers that each keep their own rule, but not one that joins them.
+
+    The sentence has a place, '{b}', for each number, which is given in SI with its kind (a key of units.DISPLAY). It
+    reads in SI, as Python takes the numbers; `as_typed` says it in the units of configs.
+    """
+
+    def __init__(self, sentence: str, **numbers: tuple[float, str]):
+        self.sentence, self.numbers = sentence, numbers
+        shown = {name: f"{value:.6g} {SI[kind]}".strip() for name, (value, kind) in numbers.items()}
+        super().__init__(sentence.format(**shown))
+
+    def as_typed(self) -> str:
+        """The sentence in the units of config keys."""
+        shown = {}
+        for name, (value, kind) in self.numbers.items():
+            label, unit = DISPLAY[kind]
+            shown[name] = f"{value / unit:.6g} {label}".strip()
+        return self.sentence.format(**shown)
 
 
 class ConfigError(InputError):
@@ -20,13 +43,15 @@ class ConfigError(InputError):
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """An InputError from within becomes a ConfigError that begins with its place; one that has a place keeps it."""
+    """An InputError from within becomes a ConfigError that begins with its place and speaks in the units of configs;
+    one that has a place keeps it."""
     try:
         yield
     except ConfigError:
         raise
     except InputError as error:
-        raise ConfigError(f"{where}: {' '.join(str(error).split())}") from None
+        sentence = error.as_typed() if isinstance(error, JoinedRuleError) else str(error)
+        raise ConfigError(f"{where}: {' '.join(sentence.split())}") from None
 
 
 class UnitWarning(UserWarning):

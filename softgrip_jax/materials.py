@@ -20,7 +20,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from .checked import Checked, check_fields, finite, is_concrete, nonzero, positive
-from .errors import InputError
+from .errors import InputError, JoinedRuleError
 from .names import listing
 from .units import kPa
 
@@ -164,11 +164,12 @@ def _require_true_statements(material: Material) -> None:
                 f"{np.min(found):.6g} {unit}; make them agree, or leave the method out."
             )
     if not np.all(pairs[0][1] > 0):
-        raise InputError(_not_stiff(material, np.min(pairs[0][1])))
+        raise _not_stiff(material, np.min(pairs[0][1]))
 
 
-def _not_stiff(material: Material, modulus: Any) -> str:
-    return f"{type(material).__name__} has a shear modulus of {modulus:.6g} Pa; its constants must make it positive."
+def _not_stiff(material: Material, modulus: Any) -> InputError:
+    sentence = " has a shear modulus of {modulus}; its constants must make it positive."
+    return JoinedRuleError(type(material).__name__ + sentence, modulus=(float(modulus), "pressure"))
 
 
 def _is_known(material: Material) -> bool:
@@ -200,7 +201,7 @@ def _require_stiff(material: Material) -> None:
     with jax.ensure_compile_time_eval():
         stable, modulus = np.asarray(material.is_stable_at_rest()), np.asarray(material.shear_modulus())
     if not np.all(stable):
-        raise InputError(_not_stiff(material, np.min(modulus)))
+        raise _not_stiff(material, np.min(modulus))
 
 
 class InvariantMaterial(Material):

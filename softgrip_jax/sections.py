@@ -62,6 +62,16 @@ class Varied(NamedTuple):
         return float(configs.read_numbers(value, f"{where}: {what} of {self.key}", self.rule, self.kind, [""]))
 
 
+    def bounds(self, low: float, high: float, scale: str, where: str) -> tuple[float, float]:
+        """Two bounds in the unit of the key as SI; a ConfigError, in that unit, where they cannot be meant."""
+        found = self.checked(low, "low", where), self.checked(high, "high", where)
+        if not found[0] < found[1]:
+            raise ConfigError(f"{where}: {self.key} goes from {low:g} to {high:g}; low must be below high.")
+        if scale == "log" and found[0] <= 0:
+            raise ConfigError(f"{where}: {self.key} begins at {low:g}; on a log scale low must be above zero.")
+        return found
+
+
 def varied(scenes: Scenes, keys: str | list[str], where: str) -> Varied:
     """The number that a key names, or several tied ones."""
     keys = [keys] if isinstance(keys, str) else keys

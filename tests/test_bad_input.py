@@ -9,8 +9,14 @@ import pytest
 from conftest import ROOT
 
 import softgrip_jax as sg
+from optim import settings
+from optim.objectives import Goal
+from softgrip_jax import config as configs
+from softgrip_jax import thesis
 from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.errors import ConfigError
 from softgrip_jax.objects import FrictionTable
+from softgrip_jax.sections import varied
 from softgrip_jax.units import kPa, mm
 
 GOOD = """[scene]
@@ -81,7 +87,12 @@ EDITS = {
     "zero thickness": ("t_m_mm = 1.1", "t_m_mm = 0", f"t_m_mm is 0; {POSITIVE_MM}"),
     "negative modulus": ("mu_kPa = 175", "mu_kPa = -1", "mu_kPa is -1; it must be a positive finite number in kPa."),
     "negative mass": ("mass_g = 563", "mass_g = -1", "mass_g is -1; it must be a finite number, zero or more in g."),
-    "sides exchanged": ("b_mm = 43", "b_mm = 15", "FlatShell.b is 0.015; it must be at least a (0.016 m)"),
+    "sides exchanged": ("b_mm = 43", "b_mm = 15", "FlatShell.b is 15 mm; it must be at least a (16 mm)"),
+    "soft all together": (
+        MATERIAL,
+        'type = "Ogden"\nmu_kPa = [100, -200]\nalpha = [2, 2]',
+        "Ogden has a shear modulus of -100 kPa; its constants must make it positive.",
+    ),
     "unknown choice": ('"exact"', '"exakt"', "lever is 'exakt'; did you mean 'exact'?"),
     "number for a choice": ('"exact"', "1", "lever is 1; it must be one of 'exact', 'rim'."),
     "part of a finger": ("fingers = 2", "fingers = 2.5", "fingers is 2.5; it must be a whole number."),
@@ -340,7 +351,12 @@ def test_files(tmp_path, capsys):
         (["solve", "x.toml", "y.toml"], "unexpected extra argument"),
         (["solve", "x.toml", "--pressure-kPa", "high"], "Invalid value for '--pressure-kPa'"),
         (["solve", "x.toml", "--plot", "picture.bmp"], "--plot is 'picture.bmp'; it must be a file that ends in .png"),
-        (["solve", "x.toml", "--plot", "/no/such/folder/x.png"], "a file cannot be written there."),
+        (
+            ["solve", "x.toml", "--plot", "/no/such/x.png"],
+            "/no/such/x.png'; a file cannot be written there: there is no",
+        ),
+        (["path", "x.toml", "--csv", "/proc/x.csv"], "--csv is '/proc/x.csv'; a file cannot be written there: "),
+        (["path", "x.toml", "--animate", "/x.gif/x.gif"], "a file cannot be written there: there is no folder /x.gif."),
         (["design"], "Missing argument"),
     ],
 )
@@ -379,7 +395,7 @@ SHELL = {"a": 16 * mm, "b": 43 * mm, "t_m": 1.1 * mm, "material": sg.NeoHookean(
         (lambda: sg.FlatShell(**SHELL | {"a": True}), "FlatShell.a is True"),
         (lambda: sg.FlatShell(**SHELL | {"a": None}), "FlatShell.a is None"),
         (lambda: sg.FlatShell(**SHELL | {"a": 1j}), "FlatShell.a is 1j"),
-        (lambda: sg.FlatShell(**SHELL | {"b": 10 * mm}), "FlatShell.b is 0.01; it must be at least a (0.016 m)"),
+        (lambda: sg.FlatShell(**SHELL | {"b": 10 * mm}), "FlatShell.b is 0.01 m; it must be at least a (0.016 m)"),
         (lambda: sg.NeoHookean(mu=-1), "NeoHookean.mu is -1; it must be a positive finite number in Pa."),
         (lambda: sg.Ogden(mu="soft", alpha=[1.0]), "Ogden.mu is 'soft'"),
         (lambda: sg.Ogden(mu=[1.0, 2.0], alpha=[1.0]), "Ogden.mu and Ogden.alpha have shapes (2,) and (1,)"),
@@ -429,3 +445,65 @@ def test_wrong_parts():
     assert scene == "Free.shell is 3; it must be a FlatShell."
     assert rest[0].startswith("scene is NeoHookean")
     assert "it must be a Scene" in rest[-1]
+
+
+# (section, text in it, what stands there instead, what is said)
+OWN_UNITS = [
+    ("design", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high."),
+    ("design", "low = 1", "low = 0", "low of shell.t_m_mm is 0; it must be a positive finite number in mm."),
+    ("design", 'name = "shell.t_m_mm"\nlow = 1', 'name = "weight_N_per_m"\nlow = 1', "there is no number"),
+    ("design", "minimise", "minimse", "there is no key goals.1.minimse; did you mean minimise?"),
+    ("design", "high = 2", "higth = 2", "there is no key variables.1.higth; did you mean high?"),
+    ("sweep", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high"),
+]
+SECTIONS = {
+    "design": """
+[design]
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 1
+high = 2
+[[design.goals]]
+minimise = "force_N"
+at = { pressure_kPa = 12 }
+""",
+    "sweep": """
+[sweep]
+method = "sobol"
+samples = 4
+[[sweep.variables]]
+name = "shell.t_m_mm"
+low = 1
+high = 2
+[[sweep.observables]]
+name = "force_N"
+at = { pressure_kPa = 12 }
+""",
+}
+
+
+@pytest.mark.parametrize(("section", "old", "new", "says"), OWN_UNITS)
+def test_sections_speak_in_the_units_that_were_typed(section, old, new, says, tmp_path, capsys):
+    path = tmp_path / "bad.toml"
+    assert old in SECTIONS[section]
+    path.write_text(GOOD + SECTIONS[section].replace(old, new, 1))
+    assert says in told([section, path, "--out", tmp_path / "out"], capsys)
+
+
+def test_bounds_of_a_logarithm_are_named_in_the_units_that_were_typed():
+    number = varied({"scene": thesis.blocked_finger("A")}, "tip_offset_mm", "here")
+    with pytest.raises(ConfigError, match=r"tip_offset_mm begins at -2; on a log scale low must be above zero"):
+        number.bounds(-2.0, 3.0, "log", "here")
+
+
+@pytest.mark.parametrize(("british", "other"), [("minimise", "minimize"), ("maximise", "maximize")])
+def test_goals_may_be_spelt_in_two_ways(british, other, tmp_path):
+    goals = []
+    for word in (british, other):
+        path = tmp_path / f"{word}.toml"
+        path.write_text(GOOD + SECTIONS["design"].replace("minimise", word))
+        [goal] = settings.read(configs.load(path)).problem.goals
+        goals.append(goal)
+    assert goals[0] == goals[1]
+    assert goals[0].kind == british
+    assert Goal(other, goals[0].quantity) == goals[0]

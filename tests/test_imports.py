@@ -8,6 +8,7 @@ from conftest import ROOT
 
 ORDER = [
     "_version",
+    "units",
     "errors",
     "names",
     "cache",
@@ -15,7 +16,6 @@ ORDER = [
     "progress",
     "tables",
     "numerics",
-    "units",
     "reasons",
     "display",
     "plausible",

@@ -97,7 +97,7 @@ def test_every_sample_config_is_valid(file, validator):
         ("shell_cylinder", "dragon_skin_20_shell", "dragon_skin_21"),
         ("finger_grasp", 'section = "exact"', 'section = "precise"'),
         ("finger_grasp", "[2, 0]", "[2]"),
-        ("shell_grasp", 'minimise = "pressure_kPa"', 'minimize = "pressure_kPa"'),
+        ("shell_grasp", 'minimise = "pressure_kPa"', 'minimse = "pressure_kPa"'),
         ("shell_grasp", "[design]", "[desing]"),
     ],
 )

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..errors import InputError
+from ..errors import JoinedRuleError
 from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
@@ -40,9 +40,10 @@ class FlatShell(Checked):
     def __check_init__(self) -> None:
         # In NumPy: under jit JAX would trace even known numbers.
         if is_concrete(self.a, self.b) and np.any(np.asarray(self.b) < np.asarray(self.a)):
-            raise InputError(
-                f"FlatShell.b is {float(np.min(self.b)):.6g}; it must be at least a ({float(np.max(self.a)):.6g} m): "
-                "a is half of the smaller side."
+            raise JoinedRuleError(
+                "FlatShell.b is {b}; it must be at least a ({a}): a is half of the smaller side.",
+                a=(float(np.max(self.a)), "length"),
+                b=(float(np.min(self.b)), "length"),
             )
 
     def pressure_scale(self) -> Scalar:

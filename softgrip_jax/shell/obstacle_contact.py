@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..checked import choice, is_concrete, part
-from ..errors import InputError
+from ..errors import JoinedRuleError
 from .basis import Grid
 from .energy_maps import shape_observables
 from .energy_scene import EnergyScene, Vector
@@ -108,9 +108,10 @@ class ObstacleContact(EnergyScene):
             broken = self.broken_symmetry()
         if float(broken) > SYMMETRIC:
             name = type(self).__name__
-            raise InputError(
+            raise JoinedRuleError(
                 f"{name}.symmetry is {self.symmetry!r}, but the object is not the same on both sides: its distance "
-                f"differs by {float(broken * self.shell.a):.3g} m; use 'auto' or 'none'."
+                "differs by {difference}; use 'auto' or 'none'.",
+                difference=(float(f"{float(broken * self.shell.a):.3g}"), "length"),
             )
 
     def _is_known(self) -> bool:
