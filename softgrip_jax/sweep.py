@@ -16,12 +16,16 @@ The folder: config.toml, study.nc (read it with `sg.load_study`), study.csv, and
 from __future__ import annotations
 
 import csv
+import shutil
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Literal
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pydantic
 import xarray as xr
@@ -30,14 +34,17 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from . import config as configs
 from .errors import ConfigError, InputError, located
-from .folders import free_name, write_whole
+from .folders import check_folder, contents, free_name, write_whole
 from .leaves import Leaf
 from .progress import LINE_SECONDS
+from .quantities import State, solution_at
+from .reasons import Reason
 from .results import Status, in_units
 from .sections import Table, Varied, quantity, states_of, varied
 from .study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
 from .study import Table as TableOfDesigns
 from .study.dataset import status_name
+from .study.folder import MANIFEST
 from .tables import Table as PrintedTable
 
 
@@ -163,23 +170,73 @@ def _from_csv(
     return numbers, TableOfDesigns(np.array(rows))
 
 
+QUICK = 100_000
+"""Designs a second of the quickest scenes on a common machine, without derivatives: what a study takes at least."""
+
+LONGEST_DAYS = 30
+"""At that speed: nobody waits for what would take longer."""
+
+BYTES = 44
+"""Of disk per number of a design while the files are written: 8 in its chunk, 8 in the arrays that are collected, 8 in
+study.nc and about 20 in study.csv."""
+
+
+def refuse_what_cannot_end(study: Study, folder: Path, where: str) -> None:
+    """A ConfigError, with the least time and the disk that it takes, for a study that no disk or patience holds."""
+    if (folder / MANIFEST).is_file():
+        return  # it goes on, and what it needs is partly there
+    count, quantities = study.designs.count, len(study.asked.quantities)
+    numbers = study.leaves.size + quantities * (1 + study.leaves.size * study.gradients) + len(study.asked.states)
+    days, size = count / QUICK / 86_400, BYTES * numbers * count
+    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    free = shutil.disk_usage(place).free
+    if days > LONGEST_DAYS or size > free:
+        raise ConfigError(
+            f"{where}: these are {count:,} designs; at {QUICK:,} a second, which only simple scenes reach, they "
+            f"take {_duration(days)} and about {_bytes(size)} of disk, of which {_bytes(free)} are free; give fewer "
+            "points, or samples of a Sobol set in place of a grid."
+        )
+
+
+def _duration(days: float) -> str:
+    for name, unit in (("years", 365.25), ("days", 1.0), ("hours", 1 / 24), ("minutes", 1 / 1440)):
+        if days >= 2 * unit:
+            return f"{days / unit:,.0f} {name}"
+    return f"{days * 86_400:.0f} seconds"
+
+
+def _bytes(count: float) -> str:
+    names = ("bytes", "kB", "MB", "GB", "TB", "PB")
+    power = min(int(np.log10(max(count, 1)) / 3), len(names) - 1)
+    return f"{count / 1000.0**power:,.3g} {names[power]}"
+
+
+LOOKED_AT = 16
+"""Designs that are solved again to say why none has an answer."""
+
+
 # --- the run ----------------------------------------------------------------------------------------------------------
 
 
-def run_sweep(config: Path, out: Path | None, console: Console) -> Path:
-    """Run the study of a config, or go on with it where `out` holds it already, and report; returns the folder."""
+def run_sweep(config: Path, out: Path | None, console: Console) -> tuple[Path, list[str]]:
+    """Run the study of a config, or go on with it where `out` holds it already, and report; returns the folder, and
+    sentences that say why where nothing in the study has an answer."""
     study, identity = read(configs.load(config))
     folder = free_name(config.stem) if out is None else out
+    refuse_what_cannot_end(study, folder, f"{config}, [sweep]")
+    check_folder(folder)
     if out is None:
         console.print(f"The study goes to {folder}; if it is stopped, --out {folder} goes on with it.", soft_wrap=True)
     with _progress(study.designs.count, console) as report:
-        run_in(folder, study, identity, report)
+        run_in(folder, study, identity, report, lambda sentence: console.print(sentence, soft_wrap=True))
     write_whole(folder / "config.toml", configs.standalone(config))
     with load_study(folder) as data:
         _draw(study, data, folder)
         _report(study, data, console)
-    console.print(f"The study is in {folder}. In Python: softgrip_jax.load_study({str(folder)!r})", soft_wrap=True)
-    return folder
+        reasons = why_nothing(study, data)
+    console.print(f"The study is in {folder}: {contents(folder)}.", soft_wrap=True)
+    console.print(f"In Python: softgrip_jax.load_study({str(folder)!r})", soft_wrap=True)
+    return folder, reasons
 
 
 @contextmanager
@@ -235,6 +292,41 @@ def _report(study: Study, data: xr.Dataset, console: Console) -> None:
         numbers = [values.min(), np.median(values), values.max()] if values.size else [np.nan] * 3
         table.add_row(label, *(in_units(v, kind) for v in numbers))
     console.print(table)
+
+
+def why_nothing(study: Study, data: xr.Dataset) -> list[str]:
+    """A sentence for every state that no design has, with its statuses and the most frequent reason; nothing where one
+    design has an answer in one state.
+
+    The reason is that of LOOKED_AT designs, spread over the study.
+    """
+    statuses = [np.asarray(data[status_name(study, k)]).ravel() for k in range(len(study.asked.states))]
+    if any(np.any(seen == Status.OK) for seen in statuses):
+        return []
+    count = study.designs.count
+    places = np.unique(np.linspace(0, count - 1, min(LOOKED_AT, count)).astype(int))
+    designs = np.concatenate([study.designs.rows(k, k + 1) for k in places])
+    sentences = []
+    for (name, at), label, seen in zip(study.asked.states, study.asked.state_labels(), statuses, strict=True):
+        counts = Counter(Status(int(v)).name for v in seen)
+        words = ", ".join(f"{n} {status}" for status, n in counts.most_common())
+        sentence = f"{label}: none of {count} designs has an answer ({words})"
+        if at is not None:
+            sentence += f"; the most frequent reason: {_reason(study, name, at, designs)}"
+        sentences.append(f"{sentence}.")
+    return sentences
+
+
+def _reason(study: Study, scene: str, at: State, designs: np.ndarray) -> str:
+    """The most frequent reason, as the first design says it that has it."""
+
+    def ask(x):
+        solution = solution_at(study.leaves.scenes_at(x)[scene], at)
+        return solution.reason, solution.detail
+
+    reasons, details = (np.asarray(v) for v in jax.jit(jax.vmap(ask))(jnp.asarray(designs)))
+    [(most, _)] = Counter(reasons.tolist()).most_common(1)
+    return Reason(most).text(float(details[reasons == most][0])).rstrip(".")
 
 
 def _quantity_names(data: xr.Dataset) -> list[str]:

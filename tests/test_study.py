@@ -26,7 +26,7 @@ from softgrip_jax.errors import ConfigError
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table
 from softgrip_jax.study import study as chunks
-from softgrip_jax.study.folder import CHUNKS
+from softgrip_jax.study.folder import CHUNKS, run_in
 from softgrip_jax.units import kPa, mm
 
 A, T = Range(10 * mm, 22 * mm), Range(0.5 * mm, 2 * mm, "log")
@@ -199,6 +199,78 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
     config.write_text(config.read_text().replace("distance_mm = 5", "distance_mm = 6"))
     assert run(["sweep", str(config), "--out", str(killed)]) == 2
     assert "holds another study (different: config)" in capsys.readouterr().err
+
+
+def test_chunks_that_cannot_be_read_are_computed_again(tmp_path, monkeypatch):
+    """One cut short, one with a bit that flipped, one of another size, one that is no file of arrays at all."""
+    monkeypatch.setattr(chunks, "CHUNK", chunks.BATCH)
+    quantities = [sg.Quantity("force", at=PRESSURE)]
+    study = sg.Study(contact(), ["shell.t_m"], quantities, Sobol([T], 6 * chunks.BATCH))
+    computed, said, evaluate = [], [], study.evaluate
+    monkeypatch.setattr(study, "evaluate", lambda rows: computed.append(rows) or evaluate(rows))
+
+    def stop(done, skipped):
+        if done == 5 * chunks.BATCH:
+            raise KeyboardInterrupt
+
+    broken, whole = tmp_path / "broken", tmp_path / "whole"
+    with pytest.raises(KeyboardInterrupt):
+        run_in(broken, study, "x", stop)
+    files = sorted((broken / CHUNKS).glob("*.npz"))
+    assert len(files) == len(computed) == 5
+    content = [file.read_bytes() for file in files]
+    files[0].write_bytes(content[0][:-100])
+    middle = len(content[1]) // 2
+    files[1].write_bytes(content[1][:middle] + bytes([content[1][middle] ^ 1]) + content[1][middle + 1 :])
+    np.savez(files[2], values=np.zeros((3, 1)), statuses=np.zeros((3, 1), int))
+    files[3].write_bytes(b"")
+    run_in(broken, study, "x", remark=said.append)
+    assert len(computed) == 5 + 5
+    [sentence] = said
+    assert sentence == (f"{files[0]} and 3 more cannot be read, of 5 that were there; the designs are computed again.")
+    run_in(whole, study, "x", remark=said.append)
+    assert len(said) == 1
+    assert (broken / "study.csv").read_bytes() == (whole / "study.csv").read_bytes()
+
+
+def test_a_study_that_cannot_end_is_refused_at_once(config, tmp_path, capsys, monkeypatch):
+    out = small(config, tmp_path)
+    text = config.read_text().replace('method = "sobol"\nsamples = 6\nseed = 7\ngradients = true', 'method = "grid"')
+    text = text.replace("low = 10\n", "points = 1_000_000\nlow = 10\n")
+    config.write_text(text.replace("low = 2\n", "points = 1_000_000\nlow = 2\n"))
+    monkeypatch.setattr(sg.Study, "evaluate", None)  # what is not reached
+    assert run(["sweep", str(config), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert "1,000,000,000,000 designs" in said
+    assert "116 days" in said
+    # Two varied numbers, two forces and two statuses to a design.
+    assert "about 264 TB of disk" in said
+    assert not out.exists()
+
+
+def test_a_grid_has_more_designs_than_a_machine_counts():
+    assert Grid([np.arange(1e6)] * 4).count == 10**24
+
+
+def test_a_study_without_any_answer_says_why_and_exits_with_1(config, tmp_path, capsys):
+    """Thin free membranes far beyond their limit; a design that has an answer makes it a study like any other."""
+    out = small(config, tmp_path)
+    text = config.read_text().replace("shell.FlatContact", "shell.Free").replace("distance_mm = 5\n", "")
+    text = text.replace('name = "distance_mm"\nlow = 2\nhigh = 9', 'name = "shell.t_m_mm"\nlow = 0.1\nhigh = 0.2')
+    text = text.replace('"force_N"', '"inflation_mm"').replace("gradients = true\n", "")
+    config.write_text(text)
+    assert run(["sweep", str(config), "--out", str(out)]) == 1
+    said = capsys.readouterr()
+    lines = said.err.splitlines()
+    assert [line.partition(";")[0] for line in lines] == [
+        f"{at} kPa: none of 6 designs has an answer (6 BEYOND_LIMIT)" for at in (10, 20)
+    ]
+    thinnest = sg.load_study(out).isel(design=0)
+    first = sg.solve(sg.shell.Free(shell(a=float(thinnest["shell.a"]), t_m=float(thinnest["shell.t_m"]))), 10 * kPa)
+    assert f"the most frequent reason: {first.reason_text()}".rstrip(".") in lines[0].rstrip(".")
+    assert "study.nc" in said.out
+    assert "nan" not in said.out
 
 
 def small(config, tmp_path, **changes):

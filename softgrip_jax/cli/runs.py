@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,12 +42,18 @@ def design(
 ) -> None:
     """Search for a better design by gradient, from many starts at once.
 
+    Exit code 1 where no design that keeps every constraint is found.
+
     - softgrip design configs/shell_grasp.toml
     """
     # optim stands above this package: this is the one place that looks up to it.
     from optim.run import run_design
 
-    _tell(as_json, run_design(config, out, _console(as_json)))
+    folder = run_design(config, out, _console(as_json))
+    _tell(as_json, folder)
+    found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    if not found.get("best", {"feasible": True})["feasible"]:
+        raise typer.Exit(NO_ANSWER)
 
 
 @app.command()
@@ -74,18 +81,27 @@ def sweep(
 ) -> None:
     """Solve many designs: a grid, a Latin hypercube, a Sobol set, or a CSV file of them.
 
-    A study that was stopped, even killed, goes on with the same --out.
+    A study that was stopped, even killed, goes on with the same --out. Exit code 1 where no design has an answer.
 
     - softgrip sweep configs/shell_sweep.toml
     """
+    from ..sweep import run_sweep
+
+    folder, reasons = run_sweep(config, out, _console(as_json))
+    if as_json:
+        _tell(as_json, folder, {"quantities": _spread(folder)})
+    for sentence in reasons:
+        print(sentence, file=sys.stderr)
+    if reasons:
+        raise typer.Exit(NO_ANSWER)
+
+
+def _spread(folder: Path) -> dict[str, Any]:
+    """How far the quantities of a study spread, in SI."""
     import numpy as np
 
     from ..study import load_study
-    from ..sweep import run_sweep
 
-    folder = run_sweep(config, out, _console(as_json))
-    if not as_json:
-        return
     found: dict[str, Any] = {}
     with load_study(folder) as data:
         for name, values in data.data_vars.items():
@@ -94,7 +110,7 @@ def sweep(
                 ends = [known.min(), np.median(known), known.max()] if known.size else [np.nan] * 3
                 found[str(name)] = {"unit": values.attrs["units"], "answered": int(known.size)}
                 found[str(name)] |= dict(zip(("least", "median", "most"), map(_plain, ends), strict=True))
-    _tell(as_json, folder, {"quantities": found})
+    return found
 
 
 @app.command()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import math
 import warnings
 from collections.abc import Sequence
 
@@ -39,7 +40,7 @@ class Designs(abc.ABC):
 
     @property
     def count(self) -> int:
-        return int(np.prod(self.shape))
+        return math.prod(self.shape)
 
     @abc.abstractmethod
     def rows(self, start: int, stop: int) -> np.ndarray:

@@ -2,7 +2,8 @@
 
 manifest.json says what is being run; chunks/000012.npz holds one chunk and appears complete or not at all; study.nc
 and study.csv are written from the chunks when all are there, and the chunks are then removed. A chunk is computed by
-one program from its own rows alone, so a study in two parts equals one that was never stopped, bit for bit.
+one program from its own rows alone, so a study in two parts equals one that was never stopped, bit for bit. A chunk
+that cannot be read any more is computed again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import hashlib
 import json
 import platform
 import shutil
+import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -43,7 +46,13 @@ def load_study(folder: str | Path) -> xr.Dataset:
     return xr.open_dataset(path, engine="h5netcdf")
 
 
-def run_in(folder: Path, study: Study, identity: str, report: Report = lambda done, skipped: None) -> None:
+def run_in(
+    folder: Path,
+    study: Study,
+    identity: str,
+    report: Report = lambda done, skipped: None,
+    remark: Callable[[str], None] = lambda sentence: None,
+) -> None:
     """Run a study in a folder, or go on with it.
 
     Args:
@@ -52,6 +61,7 @@ def run_in(folder: Path, study: Study, identity: str, report: Report = lambda do
         identity: what tells this study from others, the text of its config for instance: a folder that was begun with
             another one, by another version or on another kind of machine is refused.
         report: called with (designs done, designs that were found done) at the start and after every chunk.
+        remark: called with a sentence where chunks that were found cannot be read, and are computed again.
 
     Raises: ConfigError where the folder holds something else.
     """
@@ -68,7 +78,12 @@ def run_in(folder: Path, study: Study, identity: str, report: Report = lambda do
         report(study.designs.count, study.designs.count)
         return
     (folder / CHUNKS).mkdir(exist_ok=True)
-    done = [k for k in range(study.chunks) if _chunk_path(folder, k).is_file()]
+    there = [k for k in range(study.chunks) if _chunk_path(folder, k).is_file()]
+    done = [k for k in there if _is_whole(folder, k, study)]
+    lost = [_chunk_path(folder, k) for k in there if k not in set(done)]
+    if lost:
+        others = f" and {len(lost) - 1} more" if lost[1:] else ""
+        remark(f"{lost[0]}{others} cannot be read, of {len(there)} that were there; the designs are computed again.")
     skipped = sum(len(study.rows(k)) for k in done)
     report(skipped, skipped)
     finished = skipped
@@ -112,6 +127,16 @@ def _chunk_path(folder: Path, k: int) -> Path:
 def _chunk(folder: Path, k: int) -> dict[str, np.ndarray]:
     with np.load(_chunk_path(folder, k)) as arrays:
         return dict(arrays)
+
+
+def _is_whole(folder: Path, k: int, study: Study) -> bool:
+    """Whether a chunk holds what it was written with: its checksums are right, and it has every number of its rows."""
+    try:
+        chunk = _chunk(folder, k)
+    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, EOFError, NotImplementedError):
+        return False
+    shapes = study.shapes(len(study.rows(k)))
+    return all(name in chunk and chunk[name].shape == shape for name, shape in shapes.items())
 
 
 def _collect(folder: Path, study: Study) -> None:

@@ -73,6 +73,12 @@ class Study:
         # A lane without an answer has no slope either: zero would be read as one.
         return {**found, "slopes": jnp.where(jnp.isfinite(found["values"])[:, None], slopes, jnp.nan)}
 
+    def shapes(self, count: int) -> dict[str, tuple[int, ...]]:
+        """Of the arrays that `evaluate` gives for so many designs."""
+        quantities, states = len(self.asked.quantities), len(self.asked.states)
+        shapes = {"values": (count, quantities), "statuses": (count, states)}
+        return shapes | ({"slopes": (count, quantities, self.leaves.size)} if self.gradients else {})
+
     @cached_property
     def compiled(self) -> Any:
         return jax.jit(lambda x: lax.map(self.measure, x, batch_size=BATCH))
