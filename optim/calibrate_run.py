@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +32,7 @@ from .calibrate import Fit, calibrate
 from .calibrate_files import material_text, provenance
 from .calibrate_report import Findings, autocorrelation, examine, is_determined, report
 from .curve_files import Curve
-from .records import versions
+from .records import told, versions
 from .run import new_folder
 from .tension import material_of
 from .tension_run import run_tension
@@ -51,10 +53,26 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
         with Undisturbed() as writing:
             _write(folder, given, read, findings)
     report(findings, console)
-    console.print(f"The fit is in {final}. Next: softgrip solve {final / 'calibrated.toml'}", soft_wrap=True)
+    command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
+    console.print(told("fit", final, command), soft_wrap=True)
     if findings.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
+
+
+def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> str:
+    """Solve the calibrated scene of the first curve: for its own task, or at the largest pressure that was measured."""
+    curve = next((curve for curve in curves if curve.model in read.scenes), None)
+    name = next(iter(read.scenes)) if curve is None else curve.model
+    words = ["softgrip", "solve", str(file)] + (["--scene", name] if len(read.scenes) > 1 else [])
+    try:
+        read.scenes[name].target()
+    except ValueError:
+        if curve is None:
+            words[1] = "path"
+        else:
+            words += ["--pressure-kPa", f"{curve.x.max() / DISPLAY['pressure'][1]:.6g}"]
+    return shlex.join(words)
 
 
 def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings) -> None:

@@ -22,7 +22,7 @@ from softgrip_jax.units import DISPLAY
 
 from . import settings
 from .pareto import Front, pareto
-from .records import agreed, design_row, in_si, said, versions, write_csv
+from .records import agreed, design_row, in_si, next_command, said, told, versions, write_csv
 
 SHOWN = 9
 """Designs in the printed table, spread over the front; designs.csv has them all."""
@@ -43,7 +43,8 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
     report(front, console)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")
-    console.print(f"The run is in {final}. Next: softgrip solve {final / 'designs' / '01.toml'}", soft_wrap=True)
+    command = next_command(wanted.problem, final / "designs" / "01.toml", front.designs[0])
+    console.print(told("run", final, command), soft_wrap=True)
     if front.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
@@ -56,10 +57,10 @@ def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) 
     (folder / "config.toml").write_bytes(given)
     write_csv(folder / "designs.csv", [{"design": k + 1} | design_row(problem, d) for k, d in enumerate(front.designs)])
     (folder / "designs").mkdir()
-    first = problem.goals[0].quantity
+    name, at = settings.asked_first(problem)
     for k, design in enumerate(front.designs):
         scenes = problem.scenes_at(design.x)
-        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(first.at, scenes[first.scene]))
+        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(at, scenes[name]))
         (folder / "designs" / f"{k + 1:02d}.toml").write_text(text, encoding="utf-8")
     places = [problem.asked.index(goal.quantity) for goal in problem.goals]
     plots.front(

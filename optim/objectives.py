@@ -26,6 +26,7 @@ from softgrip_jax.quantities import AT_REST, Asked, Quantity, State, named
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
+from softgrip_jax.units import DISPLAY
 
 from .laws import differing_laws
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
@@ -38,12 +39,17 @@ NEAR_LIMIT = 0.95
 the derivatives are infinite. It also makes the shortfall jump above zero, so that it pushes up to the last step."""
 
 
+AMERICAN = {"minimize": "minimise", "maximize": "maximise"}
+"""Other spellings of the kinds of goals, which are understood."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Goal:
     """One term of the objective: weight * sense * value / scale, or weight * ((value - target) / scale)^2.
 
     kind: "minimise", "maximise" or "reach" (with a target in SI). scale: in SI; by default the size of the value at the
-    starting design (of the target, for "reach"), so that weights compare relative changes.
+    starting design (of the target, for "reach"), so that weights compare relative changes. Where the starting design
+    has no value, that of the first design of the search that has one counts, see `Scaling`.
     """
 
     kind: str
@@ -53,12 +59,13 @@ class Goal:
     scale: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "kind", AMERICAN.get(self.kind, self.kind))
         if self.kind not in ("minimise", "maximise", "reach"):
             raise InputError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
         if (self.kind == "reach") != (self.target is not None):
             raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
-    def term(self, value: Scalar, scale: float) -> Scalar:
+    def term(self, value: Scalar, scale: float | Scalar) -> Scalar:
         if self.target is not None:
             return self.weight * ((value - self.target) / scale) ** 2
         return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
@@ -68,7 +75,7 @@ class Goal:
 class Limits:
     """Keep a quantity within low <= value <= high (SI; either may be left out).
 
-    scale: in SI; by default the size of each bound (of the value at the starting design where the bound is zero).
+    scale: in SI; by default the size of each bound (where the bound is zero, of the value as for a goal).
     """
 
     quantity: Quantity
@@ -88,10 +95,10 @@ class Limits:
 
 
 class Scales(NamedTuple):
-    """SI values that make goals and limits pure numbers."""
+    """SI values that make goals and limits pure numbers; traced where a program takes them."""
 
-    goals: tuple[float, ...]
-    limits: tuple[float, ...]
+    goals: tuple[Any, ...]
+    limits: tuple[Any, ...]
 
 
 class Measured(NamedTuple):
@@ -187,8 +194,11 @@ class Problem:
         """The margins (m) of all rules, in the order of `rules`, from measured values."""
         return np.asarray(values)[[self.measured.index(rule) for rule in self.rules]]
 
-    def measure(self, t: Float[Array, " n"]) -> Measured:
-        """The design at unit values t: every quantity that any goal or limit needs, each state solved once."""
+    def measure(self, t: Float[Array, " n"], home: Float[Array, " n"] | None = None) -> Measured:
+        """The design at unit values t: every quantity that any goal or limit needs, each state solved once.
+
+        home: unit values of a design towards which one goes that knows no other way back; by default the starting one.
+        """
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
         states, asked_for = self.measured.states, [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
@@ -198,9 +208,8 @@ class Problem:
             _shortfall(scenes[name], at, status, limits.get(name))
             for (name, at), status in zip(states, statuses, strict=True)
         ]
-        # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by: the way back is
-        # towards the starting design.
-        home = self.space.inside(self.space.to_unit(self.space.reference))
+        # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
+        home = jnp.asarray(self.home()) if home is None else home
         lost = 1 + jnp.mean((t - home) ** 2)
         good, missing = statuses == Status.OK, jnp.stack(shortfalls)
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
@@ -215,19 +224,26 @@ class Problem:
         own = np.array([states.index(state) for state in self.asked.states])
         return Measured(values, jnp.sum(missing), *(column[own] for column in reported[1:]))
 
-    @cached_property
-    def compiled(self) -> Any:
-        """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""
-        return jax.jit(jax.vmap(self.measure_with_slopes))
+    def home(self) -> np.ndarray:
+        """Unit values of the starting design, moved off the bounds."""
+        return self.space.inside(self.space.to_unit(self.space.reference))
 
-    def measure_with_slopes(self, t: Float[Array, " n"]) -> tuple[Measured, Measured]:
+    @cached_property
+    def _batched(self) -> Any:
+        return jax.jit(jax.vmap(self.measure_with_slopes, in_axes=(0, None)))
+
+    def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
+        """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""
+        return self._batched(t, jnp.asarray(self.home() if home is None else home))
+
+    def measure_with_slopes(self, t: Float[Array, " n"], home: Float[Array, " n"]) -> tuple[Measured, Measured]:
         """`measure` and its derivatives by t (of values and shortfall), all variables in one forward pass.
 
         Finding an equilibrium costs far more than differentiating it, and forward mode shares the finding.
         """
 
         def split(t):
-            found = self.measure(t)
+            found = self.measure(t, home)
             return (found.values, found.shortfall), found
 
         (values, shortfall), found = jax.jacfwd(split, has_aux=True)(t)
@@ -256,21 +272,25 @@ class Problem:
         ]
         return Judged(objective, jnp.stack(violations) if violations else jnp.zeros(0))
 
-    def scales(self, at_start: Any) -> Scales:
-        """What makes every goal and limit a pure number; `at_start`: the quantities of the starting design, SI."""
+    def scales(self, sizes: Any) -> Scales:
+        """What makes every goal and limit a pure number; `sizes`: of the quantities, SI, NaN where none is known."""
 
-        def size(quantity: Quantity) -> float:
-            value = abs(float(at_start[self.quantities.index(quantity)]))
-            if not (np.isfinite(value) and value > 0):
-                raise InputError(
-                    f"{quantity.label()} is {value:g} at the starting design, which gives it no scale; state one."
-                )
-            return value
+        def size(k: int) -> float:
+            value = abs(float(sizes[k]))
+            if np.isfinite(value) and value > 0:
+                return value
+            bounds = [abs(bound) for other, _, bound, _ in self.sides if other == k and bound]
+            return bounds[0] if bounds else DISPLAY[self.kinds[k]][1]
 
         return Scales(
-            tuple(g.scale or (abs(g.target) if g.target else size(g.quantity)) for g in self.goals),
-            tuple(scale or abs(bound) or size(self.quantities[k]) for k, _, bound, scale in self.sides),
+            tuple(g.scale or abs(g.target or 0.0) or size(self.asked.index(g.quantity)) for g in self.goals),
+            tuple(scale or abs(bound) or size(k) for k, _, bound, scale in self.sides),
         )
+
+    def unscaled(self) -> list[int]:
+        """The quantities whose size is the scale of a goal or a limit, because nothing else says it."""
+        goals = [self.asked.index(g.quantity) for g in self.goals if not (g.scale or g.target)]
+        return list(dict.fromkeys(goals + [k for k, _, bound, scale in self.sides if not (scale or bound)]))
 
     def label(self, quantity: Quantity) -> str:
         """Names the scene only where there are several."""
@@ -284,6 +304,58 @@ class Problem:
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
+
+
+class Scaling:
+    """The scales of a problem: from the starting design where it has an answer, else from the first design that has.
+
+    Where no design has given a quantity a size yet, a bound on it counts, or the unit in which people read it.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self._needed = problem.unscaled()
+        self._sizes = np.full(len(problem.quantities), np.nan)
+        self.scales = problem.scales(self._sizes)
+        self.from_start: set[int] = set()
+        """The quantities whose size is that of the starting design, which is the first that is learned from."""
+        self._has_seen = False
+
+    def learn(self, values: Any) -> None:
+        """Take the sizes that are still unknown from designs, one per row, the first that gives one."""
+        missing = self.missing()
+        if missing:
+            sizes = np.abs(np.atleast_2d(np.asarray(values)))
+            for k in missing:
+                known = sizes[np.isfinite(sizes[:, k]) & (sizes[:, k] > 0), k]
+                if known.size:
+                    self._sizes[k] = known[0]
+            self.scales = self.problem.scales(self._sizes)
+        if not self._has_seen:
+            self._has_seen = True
+            self.from_start = set(self._needed) - set(self.missing())
+
+    def missing(self) -> list[int]:
+        """The quantities whose size no design has given."""
+        return [k for k in self._needed if np.isnan(self._sizes[k])]
+
+    def remarks(self) -> list[str]:
+        """A sentence per quantity whose scale is not that of the starting design, with the key that sets another."""
+        problem, found = self.problem, []
+        for k in self._needed:
+            if k in self.from_start:
+                continue
+            where = "no design gives it one" if k in self.missing() else "its size at the first design that has one"
+            quantity = problem.quantities[k]
+            items = [(g.quantity, value) for g, value in zip(problem.goals, self.scales.goals, strict=True)]
+            sides = zip(problem.sides, self.scales.limits, strict=True)  # the rules, which come last, have their own
+            items += [(problem.quantities[s[0]], v) for s, v in sides if s[0] < len(problem.quantities)]
+            scale = in_units(next(v for q, v in items if q == quantity), problem.kinds[k])
+            found.append(
+                f"{problem.label(quantity)} has no size at the starting design: its scale is {scale}, {where}; "
+                "the key scale beside it sets another."
+            )
+        return found
 
 
 def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar | None) -> Scalar:

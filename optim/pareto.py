@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import time
 from collections.abc import Callable
-from functools import partial
 from itertools import product
 from typing import Any
 
@@ -28,7 +27,7 @@ from scipy.stats import qmc
 from softgrip_jax.errors import InputError
 
 from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
-from .objectives import Problem, Scales
+from .objectives import Problem, Scaling
 from .search import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
 
 ANCHOR_STARTS = 2
@@ -140,12 +139,14 @@ class _Known:
     def __init__(self, problem: Problem, starts: int, seed: int):
         space = problem.space
         self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts, CPU_CHUNK))
-        reference = self.evaluate(space.to_unit(space.reference))
-        scales: Scales = problem.scales(reference.values[0])
-        self.judge = jax.jit(partial(judged_with_slopes, problem, scales))
-        self.terms_of = jax.jit(
-            lambda values: (problem.terms(values, scales), jax.jacfwd(problem.terms)(values, scales))
+        self.scaling = Scaling(problem)
+        self.scaling.learn(self.evaluate(space.to_unit(space.reference)).values)
+        judging = jax.jit(lambda values, scales: judged_with_slopes(problem, scales, values))
+        terms_of = jax.jit(
+            lambda values, scales: (problem.terms(values, scales), jax.jacfwd(problem.terms)(values, scales))
         )
+        self.judge = lambda values: judging(values, self.scaling.scales)
+        self.terms_of = lambda values: terms_of(values, self.scaling.scales)
         power = int(np.ceil(np.log2(max(starts, 2))))
         t = qmc.Sobol(space.size, rng=seed).random_base2(power)
         t = np.concatenate([np.clip(space.to_unit(space.reference), 0, 1)[None], t])[:starts]
@@ -166,6 +167,7 @@ class _Known:
     def add(self, t: np.ndarray) -> None:
         """Solve designs and keep them; `broken`: the largest violation, inf without equilibrium."""
         found = self.evaluate(t)
+        self.scaling.learn(found.values)
         terms, broken = [], []
         for values, shortfall in zip(found.values, found.shortfall, strict=True):
             judged, _ = self.judge(values)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import platform
+import shlex
 import time
 from pathlib import Path
 from typing import Any
@@ -12,24 +13,43 @@ import jax
 import numpy as np
 
 import softgrip_jax as sg
+from softgrip_jax.folders import contents
 from softgrip_jax.results import Status
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
 from . import rules
 from .objectives import Problem
 from .search import Design
+from .settings import asked_first
+
+
+def next_command(problem: Problem, file: Path, design: Design) -> str:
+    """What may be typed next about the design in a file: what the search asked first; its curve where nothing answers
+    that, or only the limit was asked for; nothing about a design that cannot exist."""
+    name, at = asked_first(problem)
+    if not design.answered and Status.BEYOND_LIMIT not in design.statuses:
+        return ""
+    words = ["softgrip", "solve" if design.answered and at is not None else "path", str(file)]
+    return shlex.join(words + (["--scene", name] if len(problem.space.scenes) > 1 else []))
+
+
+def told(what: str, folder: Path, command: str) -> str:
+    """The last line of a run: its folder, its files, and what may be typed next."""
+    return f"The {what} is in {folder}: {contents(folder)}." + (f" Next: {command}" if command else "")
 
 
 def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     """A row of designs.csv: units in the names of the columns."""
-    row: dict[str, Any] = {"feasible": design.feasible, "objective": design.objective}
+    known = design.answered
+    row: dict[str, Any] = {"feasible": design.feasible, "objective": design.objective if known else None}
     row["status"] = " ".join(dict.fromkeys(s.name for s in design.statuses))
     row["reason"] = " ".join(f"{words}." for words in unsolved(problem, design))
-    row["violation"] = design.violation
+    row["violation"] = design.violation if known else None
     for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
         row[unit_key(key, kind)] = x / DISPLAY[kind][1]
     for quantity, kind, value in zip(problem.quantities, problem.kinds, design.values, strict=True):
-        row[unit_key(problem.label(quantity).replace(" ", "_"), kind)] = value / DISPLAY[kind][1]
+        key = unit_key(problem.label(quantity).replace(" ", "_"), kind)
+        row[key] = value / DISPLAY[kind][1] if np.isfinite(value) else None
     row["active"] = "; ".join(design.active)
     row["rules"] = "; ".join(f"{line.label} {line.margins[0] / mm:.6g} mm" for line in _told(problem, design))
     return row
@@ -59,8 +79,8 @@ def in_si(problem: Problem, design: Design) -> dict[str, Any]:
     values = {problem.label(q): float(v) for q, v in zip(problem.quantities, design.values, strict=True)}
     return {
         "feasible": design.feasible,
-        "objective": design.objective,
-        "violation": design.violation,
+        "objective": design.objective if design.answered else None,
+        "violation": design.violation if design.answered else None,
         "variables": dict(zip(problem.space.names, map(float, design.x), strict=True)),
         "quantities": {name: v if np.isfinite(v) else None for name, v in values.items()},
         "status": [s.name for s in design.statuses],

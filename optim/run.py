@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from softgrip_jax.tables import Table
 from . import rules, settings
 from .front_run import run_front
 from .objectives import Goal, Problem
-from .records import agreed, design_row, in_si, said, unsolved, versions, write_csv
+from .records import agreed, design_row, in_si, next_command, said, told, unsolved, versions, write_csv
 from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
 
 LINE_EVERY = 10
@@ -62,8 +63,8 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         with Undisturbed() as writing:
             report(result, console)  # at once: pictures take a while
             _write(folder, given, read, wanted, result)
-    which = f" --scene {wanted.problem.goals[0].quantity.scene}" if len(read.scenes) > 1 else ""
-    console.print(f"The run is in {final}. Next: softgrip solve {final / 'best.toml'}{which}", soft_wrap=True)
+    command = next_command(wanted.problem, final / "best.toml", result.best)
+    console.print(told("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
@@ -120,8 +121,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
     scenes = best_scenes(result)
-    first = problem.goals[0].quantity
-    text = configs.dump(scenes, comment, **settings.question(first.at, scenes[first.scene]))
+    name, at = settings.asked_first(problem)
+    text = configs.dump(scenes, comment, **settings.question(at, scenes[name]))
     (folder / "best.toml").write_text(text, encoding="utf-8")
     write_csv(folder / "designs.csv", _design_rows(problem, result))
     steps = len(result.history["moving"])
@@ -144,8 +145,9 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
 
     sign, title = _sense(result.problem)
     history = result.history | {"best_objective": sign * result.history["best_objective"]}
-    label = f"best\n(start: {sign * result.reference.objective:.3g})"
-    finished = None if result.stopped else sign * result.best.objective
+    start = f"{sign * result.reference.objective:.3g}" if result.reference.answered else "no answer"
+    label = f"best\n(start: {start})"
+    finished = sign * result.best.objective if result.best.answered and not result.stopped else None
     plots.convergence(history, label, title, finished).savefig(folder / "convergence.png")
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled
@@ -173,6 +175,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "best": in_si(problem, result.best),
         "start": in_si(problem, result.reference),
         "distinct_designs": len(result.designs),
+        "remarks": list(result.remarks),
         "stopped": result.stopped,
         "search": wanted.arguments,
         "solves": result.solves,
@@ -195,10 +198,19 @@ def _sense(problem: Problem) -> tuple[int, str]:
 def _search_with_progress(wanted: settings.Settings, console: Console) -> SearchResult:
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
+    goals = wanted.problem.goals
+    of_start = len(goals) == 1 and goals[0].kind != "reach" and not goals[0].scale
     sign, _ = _sense(wanted.problem)
+    has_answer = [True]
+    """Of the start, until the search remarks that it has none."""
 
     def words(best: float, feasible: int, moving: int) -> str:
-        return f"best {sign * best:.4g} of the start, {feasible} of {starts} feasible, {moving} moving"
+        value = f"best {sign * best:.4g}" + (" of the start" if of_start and has_answer[0] else "")
+        return f"{value if feasible else 'none yet'}, {feasible} of {starts} feasible, {moving} moving"
+
+    def remark(sentence: str) -> None:
+        has_answer[0] = False
+        console.print(sentence, soft_wrap=True)
 
     if not console.is_terminal:
         # In a file or a pipe a bar would be noise: a line now and then.
@@ -208,7 +220,7 @@ def _search_with_progress(wanted: settings.Settings, console: Console) -> Search
             if step == 1 or step % LINE_EVERY == 0 or not moving:
                 console.print(f"step {step} of {steps}: {words(best, feasible, moving)}", soft_wrap=True)
 
-        return search(wanted.problem, report=tell, **wanted.arguments)
+        return search(wanted.problem, report=tell, remark=remark, **wanted.arguments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("compiling", total=steps)
@@ -216,7 +228,7 @@ def _search_with_progress(wanted: settings.Settings, console: Console) -> Search
         def show(step: int, best: float, feasible: int, moving: int) -> None:
             progress.update(task, completed=step if moving else steps, description=words(best, feasible, moving))
 
-        return search(wanted.problem, report=show, **wanted.arguments)
+        return search(wanted.problem, report=show, remark=remark, **wanted.arguments)
 
 
 def report(result: SearchResult, console: Console) -> None:
@@ -240,9 +252,9 @@ def report(result: SearchResult, console: Console) -> None:
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
         k = problem.quantities.index(quantity)
         start, name = result.reference.values[k], problem.label(quantity)
-        table.add_row(f"change of {name}", "", *(f"{(d.values[k] - start) / abs(start):+.1%}" for d in shown[1:]))
+        table.add_row(f"change of {name}", "", *(_change(start, d.values[k]) for d in shown[1:]))
     if len(problem.goals) > 1:
-        table.add_row("objective", *(f"{d.objective:.5g}" for d in shown))
+        table.add_row("objective", *(f"{d.objective:.5g}" if d.answered else "-" for d in shown))
     if problem.sides:
         table.add_section()
     limits = problem.constraint_labels()[: len(problem.sides) - len(problem.rules)]
@@ -261,10 +273,29 @@ def report(result: SearchResult, console: Console) -> None:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
     for sentence in said(problem):
         console.print(sentence, soft_wrap=True)
-    if not result.best.feasible:
+    if not result.best.answered:
+        console.print(_without_answer(result), style="bold", soft_wrap=True)
+    elif not result.best.feasible:
         console.print("No design that keeps every constraint was found.", style="bold")
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved with derivatives ({times})", soft_wrap=True)
+
+
+def _change(start: float, value: float) -> str:
+    """Of a quantity, relative to the start."""
+    known = np.isfinite(start) and np.isfinite(value) and start != 0
+    return f"{(value - start) / abs(start):+.1%}" if known else "-"
+
+
+def _without_answer(result: SearchResult) -> str:
+    """What kept every design that came nearest from having an answer."""
+    problem, designs = result.problem, result.designs
+    reasons = []
+    for k, label in enumerate(problem.asked.state_labels()):
+        counts = Counter(design.statuses[k] for design in designs if design.statuses[k] != Status.OK)
+        words = ", ".join(f"{n} {status.name}" for status, n in counts.most_common())
+        reasons += [f"{label}: {words}"] if words else []
+    return f"No design with an answer was found. Of the {len(designs)} that came nearest, {'; '.join(reasons)}."
 
 
 def _distance(problem: Problem, followed: list[Goal], design: Design) -> float:

@@ -30,7 +30,7 @@ from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
 
 from .finish import LOST, finish
-from .objectives import Judged, Problem, Scales
+from .objectives import Judged, Problem, Scales, Scaling
 from .variables import to_free, to_unit
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
@@ -95,6 +95,8 @@ class Evaluator:
 
     def __init__(self, problem: Problem, chunk: int):
         self.problem, self.chunk, self.solves = problem, chunk, 0
+        self.home = problem.home()
+        """Unit values towards which a design goes that knows no other way back to an answer."""
 
     def __call__(self, t: Any) -> Found:
         t = np.atleast_2d(np.asarray(t, dtype=float))
@@ -104,7 +106,9 @@ class Evaluator:
             rows = t[start : start + self.chunk]
             missing = self.chunk - len(rows)
             parts.append(
-                self.problem.compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])))
+                self.problem.compiled(
+                    jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])), self.home
+                )
             )
         found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
         return Found(
@@ -157,6 +161,11 @@ class Design:
     """Names of the constraints and bounds that hold it where it is."""
 
     @property
+    def answered(self) -> bool:
+        """Whether every state that is asked of it exists; else its objective and its violations say nothing."""
+        return self.rank < 2 * _LOST
+
+    @property
     def violation(self) -> float:
         """The largest scaled violation, 0 where every constraint is kept."""
         return float(max(0.0, np.max(self.violations, initial=0.0)))
@@ -178,6 +187,8 @@ class SearchResult:
     seconds: dict[str, float]
     stopped: bool = False
     """By Ctrl-C: the designs are the best until then, and not finished."""
+    remarks: tuple[str, ...] = ()
+    """What scales the goals where the starting design does not, see `objectives.Scaling`."""
 
     @property
     def best(self) -> Design:
@@ -194,8 +205,11 @@ def search(
     finishes: int = FINISHED,
     seed: int = 0,
     report: Callable[[int, float, int, int], None] | None = None,
+    remark: Callable[[str], None] = lambda sentence: None,
 ) -> SearchResult:
     """The best distinct feasible designs of a problem. The same seed on the same machine gives the same answer.
+
+    It begins from any design: one without an answer is one of the starts, and the others lead it back.
 
     Ctrl-C after the first step ends the search and keeps the best designs until then.
 
@@ -208,6 +222,7 @@ def search(
         finishes: lanes that are finished, the best of as many regions of the cube.
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
+        remark: called with a sentence where the starting design has no answer.
     """
     if optimiser not in OPTIMISERS:
         raise InputError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
@@ -218,19 +233,35 @@ def search(
     evaluate = Evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)
     at_reference = evaluate(reference_t)
-    scales = problem.scales(at_reference.values[0])
-    judge = jax.jit(lambda values: judged_with_slopes(problem, scales, values))
+    start_t = _starts(space.inside(reference_t), starts, seed)
+    scaling = Scaling(problem)
+    scaling.learn(at_reference.values)
+    if at_reference.shortfall[0] > 0:
+        remark(_without_answer(at_reference.statuses[0]))
+        sampled = evaluate(start_t)
+        scaling.learn(sampled.values)
+        answered = np.flatnonzero(sampled.shortfall == 0)
+        if len(answered):
+            evaluate.home = start_t[answered[0]]
+    judging = jax.jit(lambda values, scales: judged_with_slopes(problem, scales, values))
+
+    def judge(values: Any) -> tuple[Judged, Judged]:
+        return judging(values, scaling.scales)
+
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
-    lanes = _begin(_starts(space.inside(reference_t), starts, seed), len(problem.sides), rule)
-    advance = jax.jit(jax.vmap(partial(_step, problem, scales, rule), in_axes=(0, 0, None)))
+    lanes = _begin(start_t, len(problem.sides), rule)
+    advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
     # Called for nothing, to be compiled.
     judge(at_reference.values[0])
-    advance(lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
+    advance(scaling.scales, lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
-    lanes, history, stopped = _descend(lanes, evaluate, advance, steps, report)
+    lanes, history, stopped = _descend(lanes, evaluate, advance, scaling, steps, report)
     descended = time.perf_counter()
+    remarks = scaling.remarks()
+    for sentence in remarks:
+        remark(sentence)
 
     candidates = np.asarray(lanes.best_t)[
         _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:finishes]
@@ -238,7 +269,7 @@ def search(
     finished = candidates
     if not stopped:
         try:
-            finished = finish(candidates, evaluate, problem, scales, judge)
+            finished = finish(candidates, evaluate, problem, scaling.scales, judge)
         except KeyboardInterrupt:
             stopped = True
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
@@ -262,7 +293,13 @@ def search(
             "finish": time.perf_counter() - descended,
         },
         stopped,
+        tuple(remarks),
     )
+
+
+def _without_answer(statuses: Any) -> str:
+    words = ", ".join(dict.fromkeys(Status(int(s)).name for s in statuses if s != Status.OK))
+    return f"The starting design has no answer ({words or 'OK'}); the search begins from it all the same."
 
 
 def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
@@ -288,7 +325,9 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> Lane:
     )
 
 
-def _descend(lanes: Lane, evaluate, advance, steps, report) -> tuple[Lane, dict[str, np.ndarray], bool]:
+def _descend(
+    lanes: Lane, evaluate, advance, scaling: Scaling, steps, report
+) -> tuple[Lane, dict[str, np.ndarray], bool]:
     """All lanes to rest, or to the last step, or (True) to where they were stopped."""
     moving = np.arange(len(lanes.u))
     found, stopped = None, False
@@ -299,7 +338,8 @@ def _descend(lanes: Lane, evaluate, advance, steps, report) -> tuple[Lane, dict[
             fresh = evaluate(np.asarray(lanes.t)[moving])
             # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
-            lanes = advance(lanes, found, step)
+            scaling.learn(fresh.values)
+            lanes = advance(scaling.scales, lanes, found, step)
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
             rank = np.asarray(lanes.best_rank)
             best = rank.min()
@@ -324,7 +364,7 @@ def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return old
 
 
-def _step(problem: Problem, scales: Scales, rule: Any, lane: Lane, found: Found, step: Any) -> Lane:
+def _step(problem: Problem, rule: Any, scales: Scales, lane: Lane, found: Found, step: Any) -> Lane:
     """One step of one lane, from what was found at its u."""
     judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0

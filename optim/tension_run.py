@@ -44,7 +44,7 @@ from .calibrate_files import material_text, provenance
 from .calibrate_settings import ColumnTable, column, read_specimens
 from .curve_files import Curve
 from .fitting import Fitting
-from .records import versions
+from .records import told, versions
 from .run import new_folder
 from .tension import BEYOND, CANDIDATES, Softening, Tension, candidate, softening
 from .variables import to_free
@@ -237,7 +237,8 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
         (folder / "result.json").write_text(json.dumps(_summary(found, remarks), indent=2), encoding="utf-8")
         draw(found, folder / "fit.png")
     report(found, remarks, console)
-    console.print(f'The fit is in {final}. Next: material = "material.toml" in a config beside it.', soft_wrap=True)
+    command = 'material = "material.toml" in a config in this folder.'
+    console.print(told("fit", final, command), soft_wrap=True)
     return final
 
 

@@ -1,7 +1,10 @@
 """The command `softgrip calibrate`: its folder, what it writes is accepted elsewhere, and one sentence for bad data."""
 
+import contextlib
 import csv
+import io
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -53,13 +56,20 @@ def written(folder, data=GOOD, low=20, unit="kPa"):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibrate")
     data = GOOD + "16,\n15,NaN\n" + GOOD.splitlines()[-1] + "\n"
-    code = run(["calibrate", str(written(folder, data)), "--out", str(folder / "out")])
-    return code, folder / "out"
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        code = run(["calibrate", str(written(folder, data)), "--out", str(folder / "out")])
+    return code, folder / "out", printed.getvalue()
 
 
 def test_the_folder_is_complete_and_tells_what_was_left_out(finished):
-    code, out = finished
+    code, out, printed = finished
     assert code == 0
+    line = printed.rstrip().splitlines()[-1]
+    assert all(name in line for name in FILES)
+    command = shlex.split(line.partition("Next: softgrip ")[2])
+    assert command == ["solve", str(out / "calibrated.toml"), "--pressure-kPa", "15"]
+    assert run(command) == 0
     assert {path.name for path in out.iterdir()} == FILES
     assert (out / "fit.png").stat().st_size > 5000
     result = json.loads((out / "result.json").read_text())
@@ -89,7 +99,7 @@ def test_stopped_after_the_fit_it_keeps_the_fit(monkeypatch, tmp_path, capsys):
 
 def test_what_is_written_is_solved_and_designed(finished, tmp_path, capsys):
     """calibrated.toml as it is; material.toml by `material = "material.toml"`, from `solve` and from `design`."""
-    _, out = finished
+    _, out, _ = finished
     mu = json.loads((out / "result.json").read_text())["parameters"]["shell.material.mu"]
     scene = configs.load(out / "calibrated.toml").scene
     assert float(scene.shell.material.mu) == pytest.approx(mu, rel=1e-12)
@@ -211,7 +221,14 @@ def test_a_tension_test_names_its_material(tmp_path, capsys):
     )
     (folder / "tension.toml").write_text(text)
     assert run(["calibrate", str(folder / "tension.toml"), "--out", str(folder / "out")]) == 0
-    assert "Written is Yeoh" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "Written is Yeoh" in printed
+    assert 'Next: material = "material.toml" in a config in this folder.' in printed
+    (folder / "out" / "next.toml").write_text(
+        '[scene]\ntype = "shell.Free"\n[scene.shell]\na_mm = 16\nb_mm = 43\nt_m_mm = 1.1\n'
+        'material = "material.toml"\n[solve]\npressure_kPa = 5\n'
+    )
+    assert run(["solve", str(folder / "out" / "next.toml")]) == 0
     read = configs.read_toml(folder / "out" / "material.toml")
     # The truth of the synthetic file: C1 = 60 kPa, C2 = 4 kPa; noise 3 kPa.
     assert read["material"]["type"] == "Yeoh"

@@ -7,7 +7,7 @@ import pytest
 from helpers import ROD, shell
 
 import softgrip_jax as sg
-from optim.objectives import NEAR_LIMIT, Goal, Limits, Problem, Quantity
+from optim.objectives import NEAR_LIMIT, Goal, Limits, Problem, Quantity, Scaling
 from optim.variables import Space, Variable
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
@@ -138,9 +138,38 @@ def test_unknown_values_count_for_nothing(problem):
     np.testing.assert_array_equal(judged.violations, np.zeros(4))
 
 
-def test_a_start_without_size_asks_for_a_scale(problem):
-    with pytest.raises(ValueError, match="is nan at the starting design"):
-        problem.scales([np.nan] * 5)
+def test_scales_come_from_the_first_design_that_gives_one():
+    """The start (first row) has no force and a pressure of zero, the next design neither, the third has both."""
+    goals = [
+        Goal("minimise", Quantity("pressure", ("force", 2.0), "lift")),
+        Goal("maximise", Quantity("force", 1e3, "lift"), weight=2.0),
+        Goal("reach", Quantity("stretch", 1e3, "lift"), target=1.2),
+        Goal("minimise", Quantity("height", 1e3, "lift")),
+    ]
+    problem = _make(goals, [Limits(Quantity("height", 1e3, "lift"), low=0.0, high=7 * mm)])
+    scaling = Scaling(problem)
+    # Until a design gives them a size: the unit that people read, but where there is a bound that.
+    assert scaling.scales == (pytest.approx((kPa, 1.0, 1.2, 7 * mm)), pytest.approx((7 * mm, 7 * mm)))
+    scaling.learn([0.0, np.nan, 1.1, np.nan])
+    assert scaling.missing() == [0, 1, 3]
+    scaling.learn([[np.nan] * 4, [3e3, -5.0, 1.1, np.nan], [4e3, 6.0, 1.1, np.nan]])
+    assert scaling.scales == (pytest.approx((3e3, 5.0, 1.2, 7 * mm)), pytest.approx((7 * mm, 7 * mm)))
+    scaling.learn([1.0, 1.0, 1.0, 1.0])  # what is known stays
+    assert scaling.scales == (pytest.approx((3e3, 5.0, 1.2, 1.0)), pytest.approx((1.0, 7 * mm)))
+    assert scaling.remarks()[0] == (
+        "lift.pressure at force 2 has no size at the starting design: its scale is 3 kPa, its size at the first design "
+        "that has one; the key scale beside it sets another."
+    )
+    assert len(scaling.remarks()) == 3
+
+
+def test_a_scale_that_is_stated_needs_no_design():
+    problem = _make([Goal("minimise", Quantity("force", 1e3, "lift"), scale=7.0)])
+    scaling = Scaling(problem)
+    scaling.learn([np.nan])
+    assert scaling.scales.goals == (7.0,)
+    assert not scaling.missing()
+    assert not scaling.remarks()
 
 
 def _make(goals, limits=()):

@@ -1,5 +1,7 @@
 """Trade-offs: on the known front of published problems, evenly spread, and at least as good as NSGA-II's."""
 
+import shlex
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ class Formulas(Problem):
         super().__init__(space, wanted, kept)
         self.formulas = [*goals, *limits]
 
-    def measure(self, t):
+    def measure(self, t, home=None):
         x = self.space.from_unit(t)
         return Measured(jnp.stack([f(x) for f in self.formulas]), jnp.asarray(0.0), jnp.zeros(1, int))
 
@@ -227,7 +229,11 @@ low = 1.2
 """)
     out = tmp_path / "out"
     assert run(["design", str(config), "--out", str(out)]) == 0
-    assert "a front of 9 designs" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "a front of 9 designs" in printed
+    assert "designs/ (9 files)" in printed
+    assert run(shlex.split(printed.partition("Next: softgrip ")[2])) == 0
+    capsys.readouterr()
     assert {path.name for path in out.iterdir()} == {
         "config.toml",
         "designs.csv",

@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import json
+import shlex
 import signal
 
 import numpy as np
@@ -17,6 +18,7 @@ from optim import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
 from softgrip_jax.config import ConfigError
+from softgrip_jax.folders import new_folder
 from softgrip_jax.results import Status
 
 FILES = {
@@ -100,6 +102,15 @@ def test_people_read_units_margins_and_the_improvement(finished):
     ):
         assert words in printed
     assert "step 10 of 30" in printed
+
+
+def test_every_file_is_named_and_what_comes_next_can_be_typed(finished, capsys):
+    _, out, printed, _ = finished
+    line = printed.rstrip().splitlines()[-1]
+    assert all(name in line for name in FILES)
+    assert line.endswith(f"Next: softgrip solve {out / 'best.toml'}")
+    assert run(shlex.split(line.partition("Next: softgrip ")[2])) == 0
+    assert "required" not in capsys.readouterr().err
 
 
 def test_a_run_never_replaces_another(finished, monkeypatch, tmp_path):
@@ -222,3 +233,128 @@ def test_the_best_design_asks_what_the_search_asked(at, tmp_path):
     path.write_text(configs.dump(scene, **settings.question(at, scene)))
     expected = {31e3: {"pressure": 31e3}, ("force", 2.0): {"force": 2.0}}.get(at, {})
     assert configs.question(configs.load(path)) == pytest.approx(expected)
+
+
+NO_START = """
+[scene]
+type = "shell.Free"
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 0.4
+[scene.shell.material]
+preset = "dragon_skin_20_shell"
+[design]
+starts = 8
+steps = 6
+finishes = 2
+[[design.goals]]
+maximise = "inflation_mm"
+at = { pressure_kPa = 15 }
+[[design.constraints]]
+keep = "limit_margin"
+at = { pressure_kPa = 15 }
+low = 1.2
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 0.3
+high = 2
+[[design.variables]]
+name = "shell.a_mm"
+low = 10
+high = 20
+"""
+
+
+def test_a_start_without_an_answer_is_a_start_like_any_other(tmp_path, capfd):
+    """At 0.4 mm the shell bursts below 15 kPa. The best design is known: the widest, as thin as the margin lets it."""
+    config = tmp_path / "far.toml"
+    config.write_text(NO_START)
+    assert run(["design", str(config), "--out", str(tmp_path / "run")]) == 0
+    out = capfd.readouterr().out
+    assert "The starting design has no answer (BEYOND_LIMIT); the search begins from it all the same." in out
+    assert "the key scale beside it sets another" in out.replace("\n", " ")
+    assert "of the start" not in out
+    assert "nan" not in out
+    assert "nan" not in (tmp_path / "run" / "designs.csv").read_text()
+    best = configs.load(tmp_path / "run" / "best.toml").scene
+    assert float(best.shell.a) == pytest.approx(0.02, rel=1e-4)
+    assert float(sg.limit_pressure(best)) == pytest.approx(1.2 * 15e3, rel=1e-5)
+    start = json.loads((tmp_path / "run" / "result.json").read_text())["start"]
+    assert start["objective"] is None
+    assert start["violation"] is None
+
+
+def test_a_search_without_any_answer_says_so_and_exits_with_1(tmp_path, capfd):
+    config = tmp_path / "never.toml"
+    config.write_text(NO_START.replace("high = 2\n", "high = 0.4\n"))
+    assert run(["design", str(config), "--out", str(tmp_path / "run")]) == 1
+    out = capfd.readouterr().out
+    assert "No design with an answer was found." in out
+    assert "15 kPa: 2 BEYOND_LIMIT" in out
+    assert "none yet, 0 of 8 feasible" in out
+    assert "nan" not in out
+    assert run(shlex.split(out.partition("Next: softgrip ")[2])) == 0
+
+
+TWO_SCENES = """
+[scenes.free]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { preset = "dragon_skin_20_shell" } }
+[scenes.plane]
+type = "shell.FlatContact"
+distance_mm = 5
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { preset = "dragon_skin_20_shell" } }
+[design]
+starts = 2
+steps = 2
+finishes = 1
+[[design.goals]]
+GOAL
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 1
+high = 2
+"""
+
+
+@pytest.mark.parametrize(
+    ("goal", "command"),
+    [
+        pytest.param('maximise = "plane.limit_pressure_kPa"', "path", marks=pytest.mark.slow),
+        ('minimise = "plane.stretch"\nat = { force_N = 2 }', "solve"),
+    ],
+)
+def test_of_several_scenes_the_next_command_names_one(goal, command, tmp_path, capfd):
+    """In a folder whose name has a space, too."""
+    folder = tmp_path / "my runs"
+    folder.mkdir()
+    config = folder / "two.toml"
+    config.write_text(TWO_SCENES.replace("GOAL", goal))
+    assert run(["design", str(config), "--out", str(folder / "out")]) == 0
+    words = shlex.split(capfd.readouterr().out.partition("Next: softgrip ")[2])
+    assert words == [command, str(folder / "out" / "best.toml"), "--scene", "plane"]
+    assert run(words) == 0
+
+
+def test_a_folder_that_cannot_be_made_is_named_before_anything_is_compiled(tmp_path, capsys, monkeypatch):
+    """A file in its way, and a place where nobody may write; the name is the one that was typed."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "file").write_text("")
+    config = str(ROOT / "configs" / "shell_grasp.toml")
+    for command in ("design", "sensitivity"):
+        for out, why in (("file", "file exists already"), ("file/out", "is a file"), ("/proc/out", "/proc: ")):
+            monkeypatch.setattr(runs, "search", None)  # what is not reached
+            assert run([command, config, "--out", out]) == 2
+            said = capsys.readouterr().err
+            assert why in said
+            assert out in said
+            assert len(said.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_file_of_a_run_that_cannot_be_written_is_named_as_people_know_it(tmp_path):
+    with pytest.raises(ConfigError, match=r"one/sub/best.toml cannot be written: no such file"):  # noqa: SIM117
+        with new_folder(tmp_path / "one", "name") as (folder, _):
+            (folder / "sub" / "best.toml").write_text("")
+    assert not list(tmp_path.iterdir())

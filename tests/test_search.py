@@ -46,7 +46,7 @@ class Formulas(Problem):
         super().__init__(space, [Goal("minimise", quantities[0], scale=1.0)], sides)
         self.formulas = formulas
 
-    def measure(self, t):
+    def measure(self, t, home=None):
         x = self.space.from_unit(t)
         return Measured(jnp.stack([f(x) for f in self.formulas]), jnp.asarray(0.0), jnp.zeros(1, int))
 
