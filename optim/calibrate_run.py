@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from softgrip_jax import config as configs
-from softgrip_jax.errors import located
+from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import Undisturbed
 from softgrip_jax.materials import Material
 from softgrip_jax.progress import stages
@@ -67,7 +67,7 @@ def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> 
     words = ["softgrip", "solve", str(file)] + (["--scene", name] if len(read.scenes) > 1 else [])
     try:
         read.scenes[name].target()
-    except ValueError:
+    except InputError:
         if curve is None:
             words[1] = "path"
         else:

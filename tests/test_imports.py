@@ -8,9 +8,9 @@ from conftest import ROOT
 
 ORDER = [
     "_version",
+    "names",
     "units",
     "errors",
-    "names",
     "cache",
     "folders",
     "progress",
