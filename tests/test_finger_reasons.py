@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import reference_beam as ref
 from fingers import TYPE_A, contact, free, pneunet, stacked
+from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.reasons import Reason
@@ -56,7 +57,8 @@ CASES = {
     "fold": ((0.0, 0.0, NONE, 0.045), BEYOND, Reason.LIMIT_POINT),
     "negative": ((0.0, 0.0, NONE, -0.001), IMPOSSIBLE, Reason.PRESSURE_RULE),
     "buckles": ((0.0, -60 * UNIT, NONE, 0.02), IMPOSSIBLE, Reason.LOAD_NOT_HELD),
-    "snaps": ((-20.0, 0.0, (-60 * UNIT / 77, 60 * UNIT / 77), 0.02), IMPOSSIBLE, Reason.LOAD_NOT_HELD),
+    "snaps": ((-19.0, -27 * UNIT, NONE, 0.02), IMPOSSIBLE, Reason.LOAD_NOT_HELD),
+    "too heavy": ((0.0, 85.0, NONE, 0.02), IMPOSSIBLE, Reason.COVER_BEARS_PULL),
     "too far": ((80.0, 0.0, NONE, 0.02), IMPOSSIBLE, Reason.TIP_IN_REACH),
     "too far down": ((-300.0, 0.0, NONE, 0.02), IMPOSSIBLE, Reason.TIP_IN_REACH),
 }
@@ -71,6 +73,9 @@ def test_every_failure_says_why():
     # A column that is clamped and held buckles at tan x = x; the cover shortens a little before it does.
     np.testing.assert_allclose(60 * detail["buckles"], 4.493409**2, rtol=0.05)
     np.testing.assert_allclose(detail["too far"], -3e-3, rtol=1e-9)
+    # lambda - lambda^-3 = n = 85 N / (mu B H)
+    stretch = brentq(lambda x: x - x**-3 - 85 / 13.6, 1.0, 10.0, xtol=1e-14)
+    np.testing.assert_allclose(detail["too heavy"], (2 - stretch) * 77e-3, rtol=1e-9)
 
 
 def test_the_share_of_a_load_that_can_be_held_is_where_scipy_ends():
