@@ -69,9 +69,10 @@ class HeldTip(FingerScene):
 
     def margins_at_rest(self):
         length = self.finger.L
-        stretch = axial_stretch(jnp.maximum(self.pull(), 0.0) / self.finger.force_scale())
-        pulled = jnp.full_like(length, jnp.inf) if self.section == "inextensible" else (MOST_STRETCH - stretch) * length
-        own = {"tip_in_reach": length - self.way_aside(), "cover_bears_pull": pulled}
+        own = {"tip_in_reach": length - self.way_aside()}
+        if self.section != "inextensible":
+            stretch = axial_stretch(jnp.maximum(self.pull(), 0.0) / self.finger.force_scale())
+            own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
         return super().margins_at_rest() | own
 
     def settled(self, found):
