@@ -71,8 +71,8 @@ def test_every_failure_says_why():
     detail = dict(zip(CASES, detail, strict=True))
     np.testing.assert_allclose(detail["fold"], float(sg.limit_pressure(contact(TYPE_A, "exact"))), rtol=1e-10)
 
-    # A column that is clamped and held buckles at tan x = x. Shortened by lambda, lambda^3 (lambda - n) = 1, the section
-    # bends with m = z / (3 lambda^6) and the force has an arm that is shorter by lambda: P lambda^7 = x^2 EI / L^2.
+    # A column that is clamped and held buckles at tan x = x. Shortened by lambda, lambda^3 (lambda - n) = 1, it bends
+    # with m = z / (3 lambda^6), and the force has an arm that is shorter by lambda: P lambda^7 = x^2 EI / L^2.
     def shortened(load):
         return brentq(lambda x: x**3 * (x + load * UNIT / 13.6) - 1, 0.5, 1.0, xtol=1e-15)
 
