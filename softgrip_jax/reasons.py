@@ -59,6 +59,7 @@ class Reason(enum.IntEnum):
     CLEAR_OF_GROUND = 110
     MEMBRANE_CLEAR_AT_REST = 111
     TIP_IN_REACH = 120
+    COVER_BEARS_PULL = 121
 
     @property
     def rule(self) -> str | None:
@@ -198,6 +199,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "length",
         "the finger is {} too short for the place where its tip is held",
         "the finger is too short for the place where its tip is held",
+    ),
+    Reason.COVER_BEARS_PULL: (
+        "length",
+        "the pull at the tip stretches the cover to more than twice its length, {} longer than that",
+        "the pull at the tip stretches the cover to more than twice its length",
     ),
     Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
     Reason.FINGERS_APART_AT_REST: (

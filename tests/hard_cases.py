@@ -201,7 +201,7 @@ FINGERS = [
          tip_force(TYPE_A, 0.031, -1.61, 0.5 * GRAVITY / 3, (2e-3, 0.0)), 1e-7,
          {"finger": TYPE_A, "p": 0.031, "offset": -1.61, "pull": 0.5 * GRAVITY / 3}),
     Hard("finger pressed along its axis, three times Euler's load", "straight it is in equilibrium, but not stable",
-         held(pull=-1.0), at(10), (sg.Status.NOT_CONVERGED,),
+         held(pull=-1.0), at(10), (IMPOSSIBLE,),
          design={"finger": TYPE_A, "p": 0.01, "pull": -1.0}),
     Hard("very soft and heavy: 12 kPa, 6 N/m", "weight is 270 times EI/L^3: it hangs from a bend of 5 mm",
          hanging(VERY_HEAVY, (0.0, -6e-3)), at(0), (OK,),

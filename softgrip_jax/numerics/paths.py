@@ -536,7 +536,7 @@ def fold_load(residual: Callable[[Vector, Any], Vector], u: Vector, args: Any) -
 
 
 def trace(
-    residual: Callable[[Vector], Vector], u: Vector, step: float, n: int
+    residual: Callable[[Vector], Vector], u: Vector, step: Scalar | float, n: int
 ) -> tuple[Float[Array, "k m"], Bool[Array, " k"]]:
     """n points of the path from u at equal arc lengths, through any limit point; and which are trusted."""
     zero = jnp.zeros((), u.dtype)

@@ -20,6 +20,7 @@ from ..scene import Found
 from .beam import Loads
 from .finger import PneuNet
 from .finger_scene import POINTS, FingerScene, Scalar, to_weight
+from .section import axial_stretch
 
 SECTIONS = ("exact", "thesis", "inextensible")
 INCLINATIONS = ("segment", "gap", "none")
@@ -67,8 +68,12 @@ class HeldTip(FingerScene):
         return jnp.where(is_far, growth**2 * self.held_unit(), 0.0)
 
     def margins_at_rest(self):
-        reach = {"tip_in_reach": self.finger.L - self.way_aside()}
-        return super().margins_at_rest() | reach
+        length = self.finger.L
+        own = {"tip_in_reach": length - self.way_aside()}
+        if self.section != "inextensible":
+            stretch = axial_stretch(jnp.maximum(self.pull(), 0.0) / self.finger.force_scale())
+            own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
+        return super().margins_at_rest() | own
 
     def settled(self, found):
         found = super().settled(found)
@@ -119,6 +124,9 @@ class HeldTip(FingerScene):
         return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
 
 
+MOST_STRETCH = 2.0
+"""Of a cover that is pulled at its tip. Silicones are trusted to less; and a cover that is stretched to many times its
+length bends in layers far thinner than it is thick, where no beam means anything."""
 UPRIGHT = 2 - np.sqrt(2)
 """A force F across a cantilever turns it upright, but for a layer at the clamp: the tip stays short of the length L by
 this times L / sqrt(F L^2 / EI). It is 2 (1 - cos(pi / 4)), from the elastica."""
