@@ -115,6 +115,11 @@ def test_a_scene_that_ignores_a_rule_need_not_keep_it():
     assert own.ignored == ("walls_fit", "one_segment")
 
 
+def test_an_energy_membrane_ignores_what_its_scene_does():
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm, model="energy", ignored_rules="membrane_clear_at_rest")
+    assert scene.prepared().ignored_rules == ("membrane_clear_at_rest",)
+
+
 def test_statuses_and_reasons_are_those_of_the_scenes_with_their_rules_on(kept):
     wanted = kept.problem
     t = np.array([[0.0], [0.05], [0.4], [0.7], [1.0]])
