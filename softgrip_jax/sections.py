@@ -124,10 +124,8 @@ def _margin(scene: Scene, scene_name: str, key: str, at: Any, where: str) -> Qua
     rule = configs.pick(key, keys, f"{where}: the margin of a rule")
     at_rest = rule in rules_at_rest(scene)
     state = AT_REST if at_rest else None if at is None else state_of(scene, key, at, where)
-    try:
+    with located(where):
         return named(Quantity(MARGINS + rule, state, scene_name), {scene_name: scene})
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None
 
 
 def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:
