@@ -119,12 +119,12 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
         if squares:
             # Most ends keep the rules by themselves; the others are a good start for what makes them keep the rules.
             start = _least_squares(start, look, problem, scales)
-            if not problem.sides:
+            if not problem.constrained:
                 return start
             values, _, shortfall = look(start)
             if shortfall == 0 and np.max(judge(values)[0].violations, initial=0.0) <= 0:
                 return start
-        return _programmed(start, look, judge, bool(problem.sides))
+        return _programmed(start, look, judge, bool(problem.constrained))
 
     return on_bounds(np.stack(in_step(evaluate, len(candidates), one)))
 

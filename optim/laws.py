@@ -22,8 +22,8 @@ from .variables import Space
 ACTUATORS = {sg.PneuNet: "finger", sg.FlatShell: "shell"}
 """What is shared, and what people call it."""
 
-NO_LAWS = ("symmetry",)
-"""Choices that change how a scene is computed and not what is modelled."""
+NO_LAWS = ("symmetry", "hold")
+"""Choices that say how a scene is computed, or what holds the finger, and not how the finger behaves."""
 
 
 def differing_laws(space: Space) -> list[str]:

@@ -122,7 +122,7 @@ class Judged(NamedTuple):
 
     objective: Scalar
     violations: Float[Array, " m"]
-    """Each one-sided constraint: positive where it is broken, 0 where its state has no equilibrium."""
+    """Of the limits, then of the rules: positive where one is broken, 0 where its state has no equilibrium."""
 
 
 class Problem:
@@ -160,6 +160,8 @@ class Problem:
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
         self.asked = Asked(scenes, [item.quantity for item in (*self.goals, *self.limits)])
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
+        self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
+        """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -180,11 +182,9 @@ class Problem:
         return Asked(without_rules(self.space.scenes), [*self.quantities, *self.rules])
 
     @cached_property
-    def sides(self) -> list[tuple[int, int, float, float | None]]:
-        """(index of the quantity, sign, bound, scale) of every one-sided constraint, in the order of the violations:
-        the limits, then the rules."""
-        sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
-        return sides + [(self.measured.index(rule), -1, 0.0, SCALE) for rule in self.rules]
+    def constrained(self) -> list[int]:
+        """Where among the measured values the quantity of every constraint is: of the limits, then of the rules."""
+        return [side[0] for side in self.sides] + [self.measured.index(rule) for rule in self.rules]
 
     def scenes_at(self, x: Any) -> dict[str, Scene]:
         """The scenes of a design at SI values x, with the rules that the search keeps."""
@@ -270,6 +270,8 @@ class Problem:
             jnp.where(known[k], sign * (safe[k] - bound) / scale, 0.0)
             for (k, sign, bound, _), scale in zip(self.sides, scales.limits, strict=True)
         ]
+        rules = self.constrained[len(self.sides) :]
+        violations += [jnp.where(known[k], -safe[k] / SCALE, 0.0) for k in rules]
         return Judged(objective, jnp.stack(violations) if violations else jnp.zeros(0))
 
     def scales(self, sizes: Any) -> Scales:
@@ -299,7 +301,7 @@ class Problem:
     def constraint_labels(self) -> list[str]:
         """One name per violation: 'limit_margin at required at least 1.25'."""
         labels = []
-        for k, sign, bound, _ in self.sides[: len(self.sides) - len(self.rules)]:
+        for k, sign, bound, _ in self.sides:
             quantity = self.quantities[k]
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")

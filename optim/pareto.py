@@ -293,7 +293,7 @@ class _Known:
                 t,
                 jac=lambda t: weight @ seen(t)[1],
                 bounds=bounds,
-                constraints=[constraint] if self.problem.sides else [],
+                constraints=[constraint] if self.problem.constrained else [],
                 method="SLSQP",
                 options={"maxiter": ENDS, "ftol": 1e-9},
             ).x

@@ -255,11 +255,9 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row(f"change of {name}", "", *(_change(start, d.values[k]) for d in shown[1:]))
     if len(problem.goals) > 1:
         table.add_row("objective", *(f"{d.objective:.5g}" if d.answered else "-" for d in shown))
-    if problem.sides:
+    if problem.constrained:
         table.add_section()
-    limits = problem.constraint_labels()[: len(problem.sides) - len(problem.rules)]
-    for k, label in enumerate(limits):
-        of = problem.sides[k][0]
+    for k, (label, (of, *_)) in enumerate(zip(problem.constraint_labels(), problem.sides, strict=False)):
         table.add_row(label, *(_room(d.violations[k]) if np.isfinite(d.values[of]) else "-" for d in shown))
     for line in rules.told(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
         table.add_row(line.label, *(rules.words(margin) for margin in line.margins))

@@ -250,7 +250,7 @@ def search(
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
-    lanes = _begin(start_t, len(problem.sides), rule)
+    lanes = _begin(start_t, len(problem.constrained), rule)
     advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
     # Called for nothing, to be compiled.
     judge(at_reference.values[0])
@@ -436,7 +436,7 @@ def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray)
         rank = float(_rank(judged.objective, np.max(violations, initial=0.0), found.shortfall[k]))
         held = np.abs(violations) < ACTIVE
         # What is not known of a design counts for nothing, and holds nothing.
-        held &= np.isfinite(found.values[k][[side[0] for side in problem.sides]])
+        held &= np.isfinite(found.values[k][problem.constrained])
         active = [label for label, is_held in zip(labels, held, strict=True) if is_held]
         active += [f"{name} at its lower bound" for name, v in zip(space.names, row, strict=True) if v < ACTIVE]
         active += [f"{name} at its upper bound" for name, v in zip(space.names, row, strict=True) if v > 1 - ACTIVE]

@@ -61,7 +61,6 @@ class Varied(NamedTuple):
         """A number in the unit of the key as SI; a ConfigError where the field does not take it."""
         return float(configs.read_numbers(value, f"{where}: {what} of {self.key}", self.rule, self.kind, [""]))
 
-
     def bounds(self, low: float, high: float, scale: str, where: str) -> tuple[float, float]:
         """Two bounds in the unit of the key as SI; a ConfigError, in that unit, where they cannot be meant."""
         found = self.checked(low, "low", where), self.checked(high, "high", where)
@@ -134,10 +133,8 @@ def _margin(scene: Scene, scene_name: str, key: str, at: Any, where: str) -> Qua
     rule = configs.pick(key, keys, f"{where}: the margin of a rule")
     at_rest = rule in rules_at_rest(scene)
     state = AT_REST if at_rest else None if at is None else state_of(scene, key, at, where)
-    try:
+    with located(where):
         return named(Quantity(MARGINS + rule, state, scene_name), {scene_name: scene})
-    except ValueError as error:
-        raise ConfigError(f"{where}: {error}") from None
 
 
 def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:

@@ -20,7 +20,7 @@ from optim.laws import differing_laws
 from optim.objectives import Goal, Limits, Problem, Quantity
 from optim.pareto import pareto
 from optim.records import agreed, design_row, in_si
-from optim.search import search
+from optim.search import Evaluator, search
 from optim.variables import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
@@ -115,10 +115,15 @@ def test_a_scene_that_ignores_a_rule_need_not_keep_it():
     assert own.ignored == ("walls_fit", "one_segment")
 
 
+def test_an_energy_membrane_ignores_what_its_scene_does():
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm, model="energy", ignored_rules="membrane_clear_at_rest")
+    assert scene.prepared().ignored_rules == ("membrane_clear_at_rest",)
+
+
 def test_statuses_and_reasons_are_those_of_the_scenes_with_their_rules_on(kept):
     wanted = kept.problem
     t = np.array([[0.0], [0.05], [0.4], [0.7], [1.0]])
-    found = jax.vmap(wanted.measure)(jnp.asarray(t))
+    found = Evaluator(wanted, 2)(t)  # the program that the search compiled
     for k, row in enumerate(t):
         scene = wanted.scenes_at(wanted.space.from_unit(jnp.asarray(row)))["scene"]
         solution = sg.solve(scene, PRESSURE)

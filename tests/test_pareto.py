@@ -141,7 +141,7 @@ def rival(problem, solves, population=50, seed=1):
             out["G"] = np.column_stack([broken, np.where(lost, found.shortfall, -1.0)])
 
     n = problem.space.size
-    wrapped = Wrapped(n_var=n, n_obj=len(problem.goals), n_ieq_constr=len(problem.sides) + 1, xl=0.0, xu=1.0)
+    wrapped = Wrapped(n_var=n, n_obj=len(problem.goals), n_ieq_constr=len(problem.constrained) + 1, xl=0.0, xu=1.0)
     generations = solves // population
     return minimize(wrapped, NSGA2(pop_size=population), ("n_gen", generations), seed=seed).F
 

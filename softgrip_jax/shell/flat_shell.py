@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -74,7 +75,9 @@ class ShellScene(CurveScene):
         raise NotImplementedError
 
     def prepared(self):
-        return self if self.model == "arc" else self.energy_scene()
+        if self.model == "arc":
+            return self
+        return dataclasses.replace(self.energy_scene(), ignored_rules=self.ignored_rules)
 
     def geometry(self) -> tuple[Scalar, Scalar]:
         """The angles where the state begins and where its geometry ends."""
