@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
-from ..errors import JoinedRuleError
+from ..errors import InputError, JoinedRuleError
 from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
