@@ -254,7 +254,7 @@ def from_pressure(curve: Solution, first: float) -> Solution:
 
     # The scene may be one for all states.
     states = {f.name: getattr(curve, f.name) for f in dataclasses.fields(curve) if f.name != "scene"}
-    return dataclasses.replace(curve, **jax.tree.map(lambda x: np.asarray(x)[wanted], states))
+    return dataclasses.replace(curve, **jax.tree.map(lambda x: x[wanted], states))
 
 
 def _share(text: str) -> float:
