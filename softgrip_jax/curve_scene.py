@@ -292,6 +292,8 @@ class CurveScene(Scene):
         def at(angle):
             pressure = self.load(angle)
             status = jnp.where(jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
+            # What is touched only behind the free membrane's own limit is no part of this branch.
+            status = jnp.where(climb.touches, status, Status.BEYOND_LIMIT)
             status = jnp.where(climb.possible, status, Status.IMPOSSIBLE)
             return self._report(angle, pressure, self.settled(Found(angle, pressure, status, jnp.asarray(0))))
 
