@@ -185,8 +185,6 @@ def _table(path: str, module: Any, bases: tuple[type, ...]) -> list[str]:
         if "types" in meta or isinstance(value, Friction):
             below += ["", *_table(f"{path}.{key.key}", value, meta.get("types", (Friction,)))]
             continue
-        if "names" in meta and not value:
-            continue  # what nobody should need to begin with
         left_out = bool(preset) or (not key.required and _same(value, key.field.default))
         text = f"{key.key} = {_written(key, value)}"
         lines.append(_line(f"# {text}" if left_out else text, _words(key, docs.get(key.name, ""))))
@@ -204,6 +202,8 @@ def _words(key: configs.Key, doc: str) -> str:
         rule = "one of " + ", ".join(f'"{name}"' for name in meta["allowed"])
     elif meta.get("friction"):
         rule = "a positive number, or a table with force_N and coefficient"
+    elif "names" in meta:
+        rule = "names of rules that designs may break"
     elif "rule" in meta:
         rule = wanted(meta["rule"], DISPLAY[meta["kind"]][0])
     else:
@@ -231,8 +231,14 @@ def _written(key: configs.Key, value: Any) -> str:
         if isinstance(value, bool)
         else f'"{value}"'
         if isinstance(value, str)
+        else f"[{', '.join(map(_quoted, value))}]"
+        if "names" in meta
         else str(value)
     )
+
+
+def _quoted(name: str) -> str:
+    return f'"{name}"'
 
 
 def _decimals(value: Any) -> str:
