@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import importlib
+import sys
 from pathlib import Path
 
 import pytest
@@ -129,6 +130,8 @@ def test_a_fault_has_a_code_of_its_own(monkeypatch, capsys):
 
     monkeypatch.setattr(cli, "run", fail)
     monkeypatch.setattr(cli.programs, "settings", lambda: None)
+    monkeypatch.setattr(cli.ending, "hear_ctrl_c", lambda: None)
+    monkeypatch.setattr(cli.ending, "leave", sys.exit)  # a command leaves its process for good
     with pytest.raises(SystemExit) as left:
         cli.main()
     assert left.value.code == cli.FAULT
