@@ -199,7 +199,7 @@ def test_margins_are_quantities_with_their_slopes():
     # What the user asks for is measured once, rule or not.
     assert len(wanted.measured.quantities) == 1 + 3
     t, step = jnp.array([0.3, 0.4]), 1e-5
-    found, slopes = jax.jit(wanted.measure_with_slopes)(t)
+    found, slopes = jax.jit(wanted.measure_with_slopes)(t, jnp.asarray(wanted.home()))
     x = np.asarray(wanted.space.from_unit(t))
     np.testing.assert_allclose(found.values[1], x[1] / 8 - x[0], rtol=1e-12)
     np.testing.assert_allclose(slopes.values[1], [-2.2 * mm, 8 * mm / 8], rtol=1e-10)
