@@ -11,13 +11,14 @@ OLDEST := .venv-minimum
 OLDEST_TESTS := $(addprefix tests/test_,imports.py jax_version.py config.py cli.py cli_path.py starter.py materials.py \
 	shell_values.py chamber.py)
 
-.PHONY: help setup run test test-minimum lint bench docs notebooks
+.PHONY: help setup run test test-minimum check lint bench docs notebooks
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
 	@echo "make run     set-up, then the design search of configs/finger_tip_force.toml"
 	@echo "make test    set-up, then the tests"
 	@echo "make test-minimum   some of the tests with the oldest versions that pyproject.toml allows"
+	@echo "make check   set-up, then wide random checks: a million shells, 100,000 fingers, all derivatives (hours)"
 	@echo "make lint    set-up, then ruff and pyright"
 	@echo "make bench   set-up, then speed against error: docs/speed-and-error.md with its tables and pictures"
 	@echo "make docs    set-up, then the documentation in site/, warnings as errors"
@@ -40,6 +41,9 @@ test: setup
 
 test-minimum: $(OLDEST)/.stamp-setup
 	$(OLDEST)/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile $(OLDEST_TESTS)
+
+check: setup
+	$(BIN)/python tests/wide
 
 $(OLDEST)/.stamp-setup: pyproject.toml
 	@test -n "$(PYTHON)" || { echo "softgrip_jax needs Python 3.11 or newer on the PATH."; exit 1; }

@@ -18,17 +18,22 @@ import numpy as np  # noqa: E402
 
 import softgrip_jax  # noqa: E402, F401  switches float64 on
 
-BATCH = 8192
+BATCH, FINGER_BATCH = 8192, 1024
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shells", type=int, default=1_000_000, help="how many shells, over all scenes and materials")
+    parser.add_argument("--fingers", type=int, default=100_000, help="how many fingers, over all scenes")
+    parser.add_argument("--no-gradients", action="store_true", help="leave the catalogue of derivatives out")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="kinds and materials whose name has this in it")
     parser.add_argument("--show", action="store_true", help="print a design for each kind of violation")
     asked = parser.parse_args()
-    bad = run_shells(asked.shells, asked.seed, asked.only)
+    bad = 0 if asked.no_gradients else run_gradients(asked.only)
+    bad += run_shells(asked.shells, asked.seed, asked.only) if asked.shells else 0
+    bad += run_fingers(asked.fingers, asked.seed, asked.only) if asked.fingers else 0
+    print(f"{bad:,} violations")
     if asked.show:
         from shells import WORST
 
@@ -50,6 +55,37 @@ def run_shells(total: int, seed: int, only: str) -> int:
         while counts["designs"] < each:
             counts += violations(kind, law, draw, min(BATCH, each), compiled)
         bad += report(f"{kind} {law}", counts, time.perf_counter() - began)
+    return bad
+
+
+def run_fingers(total: int, seed: int, only: str) -> int:
+    """The number of violations."""
+    from fingers_check import KINDS, measured, violations
+
+    kinds, bad = [k for k in KINDS if only in k], 0
+    shares = sum(KINDS[k].share for k in KINDS)
+    for kind in kinds:
+        began, compiled, counts = time.perf_counter(), measured(KINDS[kind]), Counter()
+        draw = np.random.default_rng([seed, *kind.encode()])
+        each = max(1, round(total * KINDS[kind].share / shares))
+        while counts["designs"] < each:
+            counts += violations(kind, draw, min(FINGER_BATCH, each), compiled)
+        bad += report(f"pneunet {kind}", counts, time.perf_counter() - began)
+    return bad
+
+
+def run_gradients(only: str) -> int:
+    """The number of questions whose derivatives are off."""
+    from gradients import WORST, catalogue, worst_errors
+
+    bad = 0
+    for name, material, scene in catalogue():
+        if only in f"{name} {material}":
+            began, errors = time.perf_counter(), worst_errors(name, scene)
+            seconds = time.perf_counter() - began
+            said = ", ".join(f"{question} {error:.0e}" for question, error in errors.items())
+            print(f"gradients of {name}, {material}: {said} ({seconds:.0f} s)", flush=True)
+            bad += sum(not error < WORST for error in errors.values())
     return bad
 
 
