@@ -187,9 +187,9 @@ def refuse_what_cannot_end(study: Study, folder: Path, where: str) -> None:
         return  # it goes on, and what it needs is partly there
     count, quantities = study.designs.count, len(study.asked.quantities)
     numbers = study.leaves.size + quantities * (1 + study.leaves.size * study.gradients) + len(study.asked.states)
-    days, size = count / QUICK / 86_400, BYTES * numbers * count
+    days, size = count / QUICK / 86_400, float(BYTES * numbers * count)
     place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    free = shutil.disk_usage(place).free
+    free = float(shutil.disk_usage(place).free)
     if days > LONGEST_DAYS or size > free:
         raise ConfigError(
             f"{where}: these are {count:,} designs; at {QUICK:,} a second, which only simple scenes reach, they "
@@ -304,7 +304,7 @@ def why_nothing(study: Study, data: xr.Dataset) -> list[str]:
     if any(np.any(seen == Status.OK) for seen in statuses):
         return []
     count = study.designs.count
-    places = np.unique(np.linspace(0, count - 1, min(LOOKED_AT, count)).astype(int))
+    places = np.unique(np.linspace(0, count - 1, min(LOOKED_AT, count)).astype(int)).tolist()
     designs = np.concatenate([study.designs.rows(k, k + 1) for k in places])
     sentences = []
     for (name, at), label, seen in zip(study.asked.states, study.asked.state_labels(), statuses, strict=True):

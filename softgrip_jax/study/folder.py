@@ -125,7 +125,8 @@ def _chunk_path(folder: Path, k: int) -> Path:
 
 
 def _chunk(folder: Path, k: int) -> dict[str, np.ndarray]:
-    with np.load(_chunk_path(folder, k)) as arrays:
+    # NumPy leaves a file open that it cannot read, where it has opened it itself.
+    with _chunk_path(folder, k).open("rb") as file, np.load(file) as arrays:
         return dict(arrays)
 
 
