@@ -28,7 +28,8 @@ WHOLE = 6
 def describe(module: Any, has_units: bool = True) -> str:
     """A module in one line, as a call of its class in which numbers carry units, or are in SI without a unit."""
     shown = []
-    for field in dataclasses.fields(module):
+    # As a call reads: what may be given by place comes first.
+    for field in sorted(dataclasses.fields(module), key=lambda field: field.kw_only):
         # In the middle of its construction a module may not have all of its fields.
         # An empty list of names (of rules that are switched off) says nothing.
         if field.repr and field.name in vars(module) and not _is_empty(vars(module)[field.name]):

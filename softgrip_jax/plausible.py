@@ -29,8 +29,6 @@ LARGEST = {"length": (LARGEST_LENGTH, "mm"), "mass": (LARGEST_MASS, "gram"), "an
 """Kind -> (the largest plausible number in SI, the unit that a larger one was probably meant in)."""
 SMALLEST_MODULUS = 1e3
 """Pa, of what must be stiff by itself. The softest silicones and gels that are moulded have some kPa."""
-SMALLEST_PRESSURE = 100.0
-"""Pa, one centimetre of water, where soft actuators take kilopascals. Zero is meant."""
 
 ON_THE_WAY = ("softgrip_jax", "equinox", "dataclasses", "jaxtyping", "beartype")
 """Packages whose frames lie between a constructor as it is typed and the check of its fields."""
@@ -64,13 +62,12 @@ def doubts(name: str, values: np.ndarray, kind: str, rule: str) -> list[Doubt]:
         if not values.size or np.min(np.abs(values)) <= largest:
             return []
         return [Doubt(name, float(values.flat[0]), kind, unit)]
-    if kind != "pressure" or not values.size:
-        return []
     # Constants of a material that may have either sign may also be small.
-    smallest = {"positive": SMALLEST_MODULUS, "nonnegative": SMALLEST_PRESSURE}.get(rule, 0.0)
+    if kind != "pressure" or rule != "positive" or not values.size:
+        return []
     size = np.max(np.abs(values))
-    if 0 < size < smallest:
-        return [Doubt(name, float(size), kind, "kPa" if size * 1e3 >= smallest else "MPa")]
+    if 0 < size < SMALLEST_MODULUS:
+        return [Doubt(name, float(size), kind, "kPa" if size * 1e3 >= SMALLEST_MODULUS else "MPa")]
     return []
 
 

@@ -14,14 +14,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, batched_field, is_concrete, require, rule_names
+from .checked import Checked, admissible, batched_field, require, rule_names
 from .errors import InputError
 from .numerics.roots import implicit, with_derivatives_of
-from .plausible import doubts, warn
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, gate, mask
 
@@ -247,14 +245,7 @@ def _one_pressure(pressure: Any) -> Scalar:
             f"pressure has the shape {checked.shape}, and solve takes one number; type sg.path(scene, pressures) for a "
             "curve, or jax.vmap(sg.solve, in_axes=(None, 0))(scene, pressures)."
         )
-    _doubt_pressure("pressure", pressure, checked)
     return checked
-
-
-def _doubt_pressure(name: str, given: Any, pressure: Array) -> None:
-    """A warning where a pressure that was typed was probably meant in kPa; what was computed is taken as it is."""
-    if not isinstance(given, jax.Array) and is_concrete(pressure):
-        warn(doubts(name, np.asarray(pressure), "pressure", "nonnegative"))
 
 
 @jax.jit
@@ -307,7 +298,6 @@ def path(scene: Scene, pressures: Any) -> Solution:
     checked = jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure"))
     if checked.ndim > 1:
         raise InputError(f"pressures has the shape {checked.shape}; it must be one list of pressures.")
-    _doubt_pressure("the highest of the pressures", pressures, checked)
     return _path(scene, checked)
 
 

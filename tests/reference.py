@@ -54,6 +54,13 @@ def free(angle, p):
     return t_1 / radius + angle / (radius * angle + b - a) * t_2, []
 
 
+def free_square(angle, p):
+    """The square membrane in free space, (4.7), (4.15), (4.16): p = 2 T / R, stretched equally both ways."""
+    stretch = angle / np.sin(angle)
+    tension, _ = tensions(p["material"], p["t_m"], stretch, stretch)
+    return 2 * tension * np.sin(angle) / p["a"], []
+
+
 def flat(angle, p):
     """(3.7)-(3.11)."""
     a, b, d = p["a"], p["b"], p["distance"]
@@ -144,3 +151,25 @@ def first_rise(load, p, start, end, points=1500, rounds=4):
             if k < rounds - 1:
                 end = np.where(stop < points, np.take_along_axis(angle, last[None], 0)[0], end)
     return angle, pressure, stop
+
+
+def approach(load, p, touch, begins=None, points=400):
+    """(whether free inflation leads to a contact, its limit): first_rise of the free load up to where it touches.
+
+    touch: the angle at which the free membrane touches, inf where it never does; begins: where it touches before it
+    presses (an inclined plane) the pressure at which it presses: it must hold that, too. The limit is inf where the
+    material locks.
+    """
+    end = np.minimum(np.where(np.isfinite(touch), touch, np.pi), np.pi - 1e-7)
+    angle, pressure, stop = first_rise(load, p, 1e-6, end if begins is None else np.pi - 1e-7 + 0 * end, points=points)
+    top = np.minimum(stop, points) - 1
+    limit = np.take_along_axis(pressure, top[None], 0)[0]
+    with np.errstate(all="ignore"):
+        locks = np.isnan(np.take_along_axis(pressure, np.minimum(stop, points - 1)[None], 0)[0])
+        limit = np.where(locks, np.inf, limit)
+        if begins is not None:
+            peak = np.take_along_axis(angle, top[None], 0)[0]
+            return (touch <= peak) & (begins <= limit), limit
+        # It rises all the way to where it touches, in the last cell too.
+        rises = load(end, p)[0] > load(end * (1 - 1e-6), p)[0]
+    return (stop >= points) & rises & np.isfinite(touch), limit

@@ -122,7 +122,7 @@ def test_every_lane_is_solved_or_honestly_labelled(kind):
 
     # Nothing is left unsolved, and what is solved is on the physical branch.
     assert not np.any(status == sg.Status.NOT_CONVERGED)
-    assert np.mean(ok) > 0.4
+    assert np.mean(ok) > 0.3
     assert np.max(residual[ok]) <= 1e-12
     for name, (low, high) in PHYSICAL.items():
         if name in seen:
@@ -144,14 +144,22 @@ def test_every_lane_is_solved_or_honestly_labelled(kind):
     best = np.fmax(below, above)
     label = np.where(pressure > below, sg.Status.BEYOND_LIMIT, sg.Status.OK)
     label = np.where(pressure <= first, sg.Status.OK if kind is free else sg.Status.NO_CONTACT, label)
-    label = np.where(exists, label, sg.Status.IMPOSSIBLE)
+    quiet, free_limit = np.ones(CHECKED, bool), np.full(CHECKED, np.inf)
+    if kind is not free:
+        # Free inflation up to the smaller of contact and its own limit comes first.
+        touch = ref.touch_angle(q["distance"] / q["a"], q["angle"]) if kind is inclined else start
+        presses = np.where(exists, first, np.inf) if kind is inclined else None
+        quiet, free_limit = ref.approach(ref.free_square if kind is inclined else ref.free, q, touch, presses)
+        below = np.where(quiet, below, free_limit)
+        best = np.where(quiet, best, free_limit)
+    label = np.where(quiet, label, np.where(pressure <= free_limit, sg.Status.NO_CONTACT, sg.Status.BEYOND_LIMIT))
     # The scan knows the limit to its own cell only, and the first contact to its bisection.
     doubtful = (np.abs(pressure - below) <= 2 * np.abs(best - below) + 1e-5 * below) | (
         np.abs(pressure - first) < 1e-9 * first
     )
     assert np.mean(doubtful) < 0.02
     np.testing.assert_array_equal(status[~doubtful], label[~doubtful])
-    certain = exists & np.isfinite(limit)
+    certain = np.isfinite(limit)
     assert np.all(np.abs(limit[certain] / below[certain] - 1) < 5e-3)
 
     solved = (status == sg.Status.OK) & ~doubtful & (pressure > first)

@@ -167,7 +167,7 @@ def changed(path, old, new):
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ("low = 20", "low = -20", "low of shell.material.mu_kPa is -20.0; it must be a positive finite number in kPa"),
+        ("low = 20", "low = -20", "low of shell.material.mu_kPa is -20; it must be a positive finite number in kPa"),
         ('column = "p", unit = "kPa"', 'column = "p", unit = "mm"', "it must be one of kPa, Pa, MPa"),
         ('"inflation"', '"force"', "measures 'force'; it must be one of inflation"),
         ('"data.csv"', '"other.csv"', "no such file"),

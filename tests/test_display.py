@@ -21,12 +21,12 @@ FINGER = sg.PneuNet.table_5_1("A")
         (sg.Ogden(mu=[1e5, 2e3], alpha=[2.0, -4.5]), "Ogden(mu=[100, 2] kPa, alpha=[2, -4.5])"),
         (
             sg.shell.FlatContact(SHELL, distance=5 * mm, model="energy"),
-            f"FlatContact(shell={SHELL}, model='energy', distance=5 mm)",
+            f"FlatContact(shell={SHELL}, distance=5 mm, model='energy')",
         ),
         (
             sg.pneunet.Free(FINGER, clamp_angle=np.pi / 6),
             f"Free(finger={FINGER}, weight=[0, -2] N/m, tip_load=None, clamp_angle=30 deg, section='exact', "
-            "inclination='segment', combination='sum', points=16)",
+            "inclination='segment', combination='sum', points=16, loading='first')",
         ),
         (
             sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=np.hypot),

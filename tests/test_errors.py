@@ -18,6 +18,7 @@ TESTED = {
     "softgrip_jax/cli/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
     "optim/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
+    "softgrip_jax/study/folder.py": "a chunk that cannot be read, for whatever reason, is computed again",
 }
 """Files with a catch of everything, and why it hides nothing."""
 BLANKET = {"Exception", "BaseException", "ValueError", "TypeError", "RuntimeError", "ArithmeticError", "LookupError"}

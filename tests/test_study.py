@@ -189,7 +189,7 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
         for name in one.variables:
             assert one[name].values.tobytes() == two[name].values.tobytes()
     assert (killed / "study.csv").read_bytes() == (whole / "study.csv").read_bytes()
-    assert {p.name for p in killed.iterdir()} == {"config.toml", "manifest.json", "study.nc", "study.csv"}
+    assert {p.name for p in killed.iterdir()} == {"config.toml", "manifest.json", "study.nc", "study.csv", "study.png"}
     assert json.loads((killed / "manifest.json").read_text())["finished"]
 
     # Again: nothing is left to do. Another study: refused.

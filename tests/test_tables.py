@@ -62,8 +62,11 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
             x=rng.uniform(0.7e-3, 2e-3, 12),
             values=rng.uniform(-0.05, 0.05, len(problem.quantities)),
             objective=1.0,
-            violations=np.zeros(len(problem.sides)),
+            violations=np.zeros(len(problem.constrained)),
             statuses=(Status.OK,),
+            reasons=("solved",),
+            margins=np.ones(len(problem.rules)),
+            answered=True,
             feasible=True,
             active=(),
         )
@@ -77,6 +80,7 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
         best=designs[0],
         solves=1,
         seconds={"descend": 1.0},
+        remarks=[],
     )
     rows = cells(printed(lambda console: design_run.report(result, console)))
     for k in range(12):

@@ -124,11 +124,10 @@ class InclinedContact(ShellScene):
         return implicit(width, begin, self), jnp.pi + jnp.zeros_like(self.distance)
 
     def approach(self):
-        touch = first_contact_angle(self.distance / self.shell.a, self.angle)
+        # Too far away it never presses: the model then has it inflate freely for good.
+        presses = self._wall(jnp.pi + jnp.zeros_like(self.distance)).contact_width > 0
+        touch = jnp.where(presses, first_contact_angle(self.distance / self.shell.a, self.angle), jnp.inf)
         return Approach(FreeSquare(self.shell), touch, self.load(self.geometry()[0]), touches_early=True)
-
-    def is_possible(self):
-        return super().is_possible() & (self._wall(jnp.pi + jnp.zeros_like(self.distance)).contact_width > 0)
 
     def stretches(self, angle):
         stretch = self._wall(angle).stretch

@@ -83,7 +83,6 @@ class Kind(NamedTuple):
     """Of the reference: load(theta, numbers) -> pressure, margins."""
     touch: Callable[[Numbers], Any] | None
     """The angle at which the free membrane touches; None for the free one."""
-    free: Callable[[Any, Numbers], Any] = ref.free
     square: bool = False
 
 
@@ -93,12 +92,6 @@ def _rod(draw, n):
 
 def _offset(draw, n):
     return _rod(draw, n) | {"height": draw.uniform(0.3, 1.7, n)}  # over b
-
-
-def _free_square(angle, p):
-    stretch = angle / np.sin(angle)
-    tension, _ = ref.tensions(p["material"], p["t_m"], stretch, stretch)
-    return 2 * tension * np.sin(angle) / p["a"], []
 
 
 def _to_gap(p):
@@ -118,7 +111,6 @@ KINDS = {
         lambda s, p: sg.shell.InclinedContact(s, distance=p["distance"], angle=p["angle"]),
         ref.inclined,
         lambda p: ref.touch_angle(p["distance"] / p["a"], p["angle"]),
-        _free_square,
         square=True,
     ),
     "CylinderContact": Kind(

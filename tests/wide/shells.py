@@ -77,22 +77,14 @@ def reference_branch(kind: Kind, numbers: dict) -> dict[str, np.ndarray]:
         angle, pressure, stop = ref.first_rise(kind.load, numbers, 1e-6, end, points=POINTS)
         return {"angle": angle, "pressure": pressure, "stop": stop, "quiet": np.ones_like(end, bool)}
     touch = np.minimum(kind.touch(numbers), end)
-    free_end = end if kind.square else touch
-    free_angle, free_pressure, free_stop = ref.first_rise(kind.free, numbers, 1e-6, free_end, points=POINTS)
-    points = len(free_angle)
-    peak = _at(free_pressure, np.minimum(free_stop, points) - 1)
-    # A material that locks before it touches holds any pressure and touches nothing.
-    locks = np.isnan(_at(free_pressure, np.minimum(free_stop, points - 1)))
-    peak = np.where(locks, np.inf, peak)
-    # It rises all the way to where it touches, in the last cell too.
-    quiet = (free_stop >= points) & (kind.free(touch, numbers)[0] > kind.free(touch * (1 - 1e-6), numbers)[0])
     load = (lambda angle, p: (kind.load(angle, p)[0], [])) if kind.square else kind.load
     angle, pressure, stop = ref.first_rise(load, numbers, touch, end, points=POINTS)
+    begins = None
     if kind.square:
-        # It presses from where c_1 + c_2 = 0; before, the model has it inflate freely.
-        width = kind.load(angle, numbers)[1][0]
-        begins = _at(pressure, np.argmax(width >= 0, axis=0))
-        quiet = (touch <= _at(free_angle, np.minimum(free_stop, points) - 1)) & (begins <= peak)
+        # It presses from where c_1 + c_2 = 0, or never; before, the model has it inflate freely.
+        wide = kind.load(angle, numbers)[1][0] >= 0
+        begins = np.where(np.any(wide, axis=0), _at(pressure, np.argmax(wide, axis=0)), np.inf)
+    quiet, peak = ref.approach(ref.free_square if kind.square else ref.free, numbers, touch, begins)
     return {
         "angle": angle,
         "pressure": pressure,
