@@ -23,7 +23,7 @@ SOLVE = jax.jit(jax.vmap(sg.solve))
 
 
 def grasp(radius=18.0, mass=26.0, **options):
-    gripper = sg.pneunet.Gripper(pneunet(TYPE_A), n=3, base_radius=19.61 * mm)
+    gripper = sg.pneunet.Gripper(pneunet(TYPE_A), n=3, base_radius=19.61 * mm, touch="midline")
     thing = sg.objects.Cylinder(radius=radius * mm, mass=mass * gram, friction=0.96)
     return sg.pneunet.Grasp(gripper, thing, **options)
 
@@ -47,7 +47,9 @@ def test_a_grasp_never_pulls():
 
 def limits_of(cases):
     """(status, reason, detail) of cases (offset mm, pull, weight N/mm, pressure MPa) in one batch."""
-    scenes = stacked([contact(TYPE_A, "exact", *loads) for *loads, _ in cases])
+    # Next to the fold chambers overlap, which is not what is asked here.
+    made = [contact(TYPE_A, "exact", *loads) for *loads, _ in cases]
+    scenes = stacked([dataclasses.replace(scene, ignored_rules=("chambers_apart",)) for scene in made])
     found = SOLVE(scenes, jnp.array([p * 1e6 for *_, p in cases]))
     return np.asarray(found.status), np.asarray(found.reason), np.asarray(found.detail), found
 
@@ -160,7 +162,8 @@ def test_free_fingers_say_why():
     closed = sg.solve(arcs, 600 * kPa)
     assert (int(closed.status), int(closed.reason)) == (BEYOND, Reason.WALL_CLOSED)
     np.testing.assert_allclose(float(closed.detail), ref.wall_limit(TYPE_A) * 1e6, rtol=1e-9)
-    assert int(sg.solve(arcs, -1.0).reason) == Reason.PRESSURE_RULE
+    # Outside of jit a negative pressure is refused at once.
+    assert int(jax.jit(sg.solve)(arcs, -1.0).reason) == Reason.PRESSURE_RULE
     beam = stacked([free(TYPE_A, "exact", (0.0, -2e-3), inclination="none")] * 2)
     found = SOLVE(beam, jnp.array([600e3, np.inf]))
     assert [int(r) for r in found.reason] == [Reason.WALL_CLOSED, Reason.PRESSURE_RULE]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -50,10 +51,8 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
     shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept) if has_shape else {}
     # The batch has one scene per lane or one for all; a still needs its own.
     single = [jax.tree.map(lambda x, k=k: x[k], (kept, shapes)) for k in range(good.size)]
-    return [
-        Still(one.scene, one.pressure, one.status, one.residual, one.iterations, one.unknowns, one.observables, shape)
-        for one, shape in single
-    ]
+    names = [field.name for field in dataclasses.fields(Solution)]
+    return [Still(**{name: getattr(one, name) for name in names}, stored=shape) for one, shape in single]
 
 
 def animate(
