@@ -7,6 +7,7 @@ from typing import ClassVar
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from ..checked import choice, is_concrete, nonnegative
 from ..errors import InputError
@@ -52,12 +53,16 @@ def _rim_lengths(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
     k2 = (1 - ratio) * (1 + ratio)
     high, low = 0.5 * (1 + ratio), jnp.sqrt(ratio)
     part = 0.25 / high  # c_n / k^2
-    difference, total, power = k2 * part, jnp.zeros_like(ratio), 1.0
-    for _ in range(MEAN_STEPS):
+
+    def step(state, power):
+        high, low, part, difference, total = state
         total = total + power * difference * part  # the sum, over k^2
         high, low = 0.5 * (high + low), jnp.sqrt(high * low)
-        part = difference * part / (4 * high)
-        difference, power = difference * difference / (4 * high), 2 * power
+        return (high, low, difference * part / (4 * high), difference * difference / (4 * high), total), None
+
+    # A loop: written out, ten steps take minutes to compile where derivatives of derivatives are taken.
+    state = (high, low, part, k2 * part, jnp.zeros_like(ratio))
+    (high, _, _, _, total), _ = lax.scan(step, state, 2.0 ** jnp.arange(MEAN_STEPS, dtype=ratio.dtype))
     scale = a * (0.5 * jnp.pi) / high
     whole = scale * (1 - k2 * (0.5 + total))
     return whole, scale * (1.5 - 0.5 * k2 - (1 + k2) * total) / 3
