@@ -91,6 +91,7 @@ CASES = [
         lambda: sg.shell.Grasp(shell(), mass=263 * gram, friction=1.3, eccentricity=5 * mm, **ROD),
         12 * kPa,
         "security",
+        slow=True,
     ),
     Case(
         "grasp-rim",
