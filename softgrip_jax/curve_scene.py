@@ -104,16 +104,6 @@ class CurveScene(Scene):
         """The `Reason` that belongs to the end of the interval."""
         return Reason.ARC_CLOSED
 
-    def settled(self, found):
-        """As `Scene.settled`, with what rounding of the angle leaves of the load counted in: near the angle where a
-        material locks or an arc closes the load is so steep that no angle in floating point meets it more closely."""
-        fixed, found = frozen(self), frozen(found)
-        _, slope = jax.jvp(fixed.load, (found.unknowns,), (jnp.ones_like(found.unknowns),))
-        swing = jnp.abs(found.unknowns * slope)
-        eased = 1 + jnp.where(jnp.isfinite(swing), swing, 0.0) / (fixed.pressure_scale() + jnp.abs(found.pressure))
-        seen = found.seen or fixed.evaluated(found.unknowns, found.pressure)
-        return super().settled(found._replace(seen=(seen[0] / eased, seen[1])))
-
     def climb(self) -> Climb:
         """Look at the load curve once; every question starts from this."""
         start, end = self.interval()
@@ -168,7 +158,10 @@ class CurveScene(Scene):
         detail = jnp.where(jnp.isfinite(detail) & known & (status != Status.OK) & possible, detail, jnp.nan)
         reason = jnp.where(possible, reason, jnp.where(known, Reason.NONE, Reason.PRESSURE_RULE))
         status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
-        return Found(angle, pressure, status, crossing.iterations, reason=reason, detail=detail)
+        # Near the angle where a material locks or an arc closes the load is so steep that no angle in floating point
+        # meets a pressure more closely.
+        rounding = crossing.swing / (self.pressure_scale() + jnp.abs(pressure))
+        return Found(angle, pressure, status, crossing.iterations, rounding=rounding, reason=reason, detail=detail)
 
     def _why(self, climb: Climb) -> Int[Array, ""]:
         """The reason where the branch ends."""
@@ -238,9 +231,7 @@ class CurveScene(Scene):
 
         # Rounding of the observable is relative to its change over a cell, where the value itself may be zero, and what
         # rounding of the angle leaves of it.
-        _, slope = jax.jvp(lambda angle: wanted(fixed, angle), (angle,), (jnp.ones_like(angle),))
-        swing = jnp.abs(angle * slope)
-        scale = jnp.abs(value) + crossing.scale + jnp.where(jnp.isfinite(swing), swing, 0.0)
+        scale = jnp.abs(value) + crossing.scale + crossing.swing
         mismatch = (wanted(fixed, angle) - value) / jnp.where(scale > 0, scale, 1.0)
         found = Found(angle, fixed.load(angle), status, crossing.iterations, mismatch, reason=reason, detail=detail)
         found = fixed.settled(found)

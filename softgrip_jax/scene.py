@@ -46,6 +46,8 @@ class Found(NamedTuple):
     iterations: Int[Array, ""]
     mismatch: Scalar | float = 0.0
     """Scaled error of whatever was asked for beyond the scene's own equations (the target of `pressure_for`)."""
+    rounding: Scalar | float = 0.0
+    """What one part of rounding in the unknowns leaves of the scaled equations, where that is more than one part."""
     residual: Scalar | float = 0.0
     """Scaled norm of all that was to be solved; known once `settled`."""
     seen: tuple[Array, dict[str, Array]] | None = None
@@ -153,7 +155,7 @@ class Scene(Checked):
         seen = found.seen or frozen(self).evaluated(found.unknowns, found.pressure)
         own = jnp.max(jnp.abs(jnp.atleast_1d(seen[0])))
         # Rounding leaves a residual in proportion to the unknowns.
-        own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns)))
+        own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns))) / (1 + found.rounding)
         residual = jnp.maximum(own, jnp.abs(found.mismatch))
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small

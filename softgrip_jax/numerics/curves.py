@@ -63,6 +63,8 @@ class Crossing(NamedTuple):
     iterations: Int[Array, ""]
     scale: Scalar
     """The change of the curve over the cell of the crossing: what its rounding errors are measured by."""
+    swing: Scalar
+    """|x times the slope|: rounding of x leaves eps times this of the curve."""
 
 
 def slope_of(function: Function) -> Function:
@@ -183,4 +185,6 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     guess = x[low] + (high - x[low]) * (target - y[low]) / jnp.where(rise == 0, 1.0, rise)
     high = jnp.where(exists, high, x[low])  # nothing is looked for where there is nothing
     root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
-    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise))
+    swing = jnp.abs(root.x * root.slope)
+    swing = jnp.where(jnp.isfinite(swing), swing, 0.0)
+    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))

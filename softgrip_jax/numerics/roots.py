@@ -26,6 +26,8 @@ class Root(NamedTuple):
 
     x: Float[Array, ""]
     iterations: Int[Array, ""]
+    slope: Float[Array, ""] | float = 0.0
+    """Of the function where it was last evaluated, where that is known."""
 
 
 def bracketed_root(
@@ -103,7 +105,7 @@ def newton_bracketed(
     eps = jnp.finfo(low.dtype).eps
 
     def step(state):
-        x, low, high, last, _, count = state
+        x, low, high, last, _, _, count = state
         f, slope = jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),))
         above = f > 0
         low, high = jnp.where(above, low, x), jnp.where(above, x, high)
@@ -112,16 +114,17 @@ def newton_bracketed(
         good = (x - move > low) & (x - move < high) & (jnp.abs(move) <= 0.5 * last)
         middle = 0.5 * (low + high)
         new = jnp.where(settled, jnp.clip(x - move, low, high), jnp.where(good, x - move, middle))
-        return new, low, high, jnp.where(settled, 0.0, jnp.abs(new - x)), settled, count + 1
+        return new, low, high, jnp.where(settled, 0.0, jnp.abs(new - x)), settled, slope, count + 1
 
     def busy(state):
-        x, low, high, _, settled, count = state
+        x, low, high, _, settled, _, count = state
         return ~settled & (high - low > 2 * eps * jnp.abs(x)) & (count < MAX_BRACKET_STEPS)
 
     inside = (guess >= low) & (guess <= high)
-    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, high - low, jnp.asarray(False), jnp.asarray(0))
-    x, *_, count = lax.while_loop(busy, step, start)
-    return Root(x, count)
+    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, high - low, jnp.asarray(False))
+    start = (*start, jnp.zeros_like(high), jnp.asarray(0))
+    x, *_, slope, count = lax.while_loop(busy, step, start)
+    return Root(x, count, slope)
 
 
 def select(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
