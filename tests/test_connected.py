@@ -207,3 +207,10 @@ def test_a_state_next_to_the_lock_converges():
     assert np.isinf(float(sg.limit_pressure(scene)))
     for pressure in (30, 1e3, 1e5):
         assert status_at(scene, pressure * scene.pressure_scale()) is OK
+
+
+def test_a_pressure_that_cannot_be_meant_is_named_before_any_limit():
+    """Under jit, where nothing can be raised."""
+    seen = jax.jit(jax.vmap(sg.solve, (None, 0)))(sg.shell.Free(shell()), jnp.array([jnp.inf, jnp.nan, -1.0, 30 * kPa]))
+    named = [sg.Reason.PRESSURE_RULE] * 3 + [sg.Reason.LIMIT_POINT]
+    assert [sg.Reason(int(reason)) for reason in seen.reason] == named

@@ -79,7 +79,7 @@ class Free(ShellScene):
 class FreeSquare(Free):
     """The square membrane of thesis 4.2 in free space: stretched equally both ways, p = 2 T / R, (4.7), (4.15), (4.16).
 
-    What `InclinedContact` and the walls of chambers are before they touch.
+    What `InclinedContact` is before it touches.
     """
 
     energy_scene = ShellScene.energy_scene
