@@ -7,6 +7,7 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
@@ -20,8 +21,9 @@ Scalar = Float[Array, ""]
 
 BRANCH_CELLS = 512
 """The end of a drawn branch is one of as many places, and with them right to a line's width."""
-DROP = 1e-9
-"""Of the pressure, over the whole interval: a load that falls by more than this from its beginning really falls."""
+DROP, FIRST = 1e-6, np.geomspace(1e-6, 1e-1, 16)
+"""A load falls at first where it is lower by this part at one of these parts of the interval: a dip that is less deep
+lets the state snap by nothing that anybody could see."""
 BEFORE_END = 1e-6
 """The end of the interval itself may be singular (a flat membrane turned inside out): a branch stops so much before."""
 
@@ -117,8 +119,8 @@ class CurveScene(Scene):
         possible = self.can_exist() & ((start < end) | ~touches)
         drops = jnp.asarray(False)
         if self.may_dip() and self.approach() is not None:
-            drop = -slope_of(self.load)(start) * (end - start)
-            drops = touches & (drop > DROP * jnp.abs(scan.y[0]))
+            lowest = jnp.nanmin(jax.vmap(self.load)(start + (end - start) * FIRST))
+            drops = touches & (lowest < scan.y[0] * (1 - DROP))
         return Climb(scan, end, possible, touches, peak, limit, drops)
 
     def _approached(self, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:

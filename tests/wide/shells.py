@@ -21,6 +21,8 @@ OK, NO_CONTACT, BEYOND, IMPOSSIBLE, LOST = (int(s) for s in sg.Status)
 
 NEAR = np.array([1e-3, 1e-6])
 """How close to contact and limit the statuses are looked at."""
+FALL = 1e-6
+"""Of the pressure: a load that falls by less from where contact begins snaps by nothing."""
 HIGH = 30.0
 """In mu t_m / a: the pressure that stands for any where there is no limit."""
 POINTS = 400
@@ -160,6 +162,11 @@ def violations(kind_name: str, law_name: str, draw: np.random.Generator, n: int,
         # No maximum, and no end of the model but where the material locks (NaN): no limit.
         locks = np.isnan(_at(pressure, np.minimum(scan["stop"], len(pressure) - 1)))
         own_limit = np.where((scan["stop"] >= len(pressure)) | locks, np.inf, top)
+        # A load that falls at first, by less than a cell shows, ends where it begins.
+        first = np.geomspace(1e-8, 1e-2, 25)[:, None] * (scan["angle"][-1] - scan["angle"][0]) + scan["angle"][0]
+        numbers_of = for_reference(law, numbers, constants)
+        falls = np.nanmin(kind.load(first, numbers_of)[0], axis=0) < pressure[0] * (1 - FALL)
+        own_limit = np.where(falls & touches, pressure[0], own_limit)
         scanned = np.where(scan["quiet"], own_limit, scan.get("free_limit", np.inf))
         sure = possible & np.isfinite(scanned)
         off = sure & ~(np.abs(limit / scanned - 1) < SCAN)
