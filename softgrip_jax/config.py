@@ -425,11 +425,19 @@ def classes_of(bases: Iterable[type]) -> dict[str, type]:
     for cls in bases:
         described = [key.name for key in keys_of(cls).values()]
         whole = all(f.name in described or not _is_required(f) for f in dataclasses.fields(cls))
-        if whole and not inspect.isabstract(cls):
+        if whole and not inspect.isabstract(cls) and _is_offered(cls):
             found.setdefault(type_name(cls), cls)
         for name, subclass in classes_of(cls.__subclasses__()).items():
             found.setdefault(name, subclass)
     return found
+
+
+def _is_offered(cls: type) -> bool:
+    """True for what a room of the package shows to its users, and for everybody's own classes."""
+    package, _, rooms = cls.__module__.partition(".")
+    if package != __package__ or not issubclass(cls, Scene):
+        return True
+    return getattr(sys.modules[f"{package}.{rooms.split('.')[0]}"], cls.__name__, None) is cls
 
 
 def presets_of(bases: Iterable[type]) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import choice
-from .numerics.paths import BIFURCATION, FOLD, REACHED, Steps, fold_load, follow, trace
-from .numerics.roots import implicit, select
+from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
+from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
 from .results import Status, gate
 from .scene import FALLEN, Found, Scene, frozen
@@ -80,6 +80,15 @@ class PathScene(Scene):
     def unknown_shape(self):
         return jax.eval_shape(self.rest).shape
 
+    def passed(self, observed: dict[str, Array]) -> Scalar | None:
+        """How far a state is beyond what the model covers, rising through zero where that ends (`Reason.CURLED_UP`):
+        the equations go on behind it. None where there is no such end."""
+        return None
+
+    def spent(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
+        """What a state uses of the most that its parts can hold, less 1: the equations have no value above zero."""
+        return {}
+
     def is_unloaded(self) -> Array:
         """True where `rest` already solves the scene at no pressure: there are no external loads."""
         return jnp.asarray(False)
@@ -100,7 +109,8 @@ class PathScene(Scene):
         def equations(u, args):
             scene, context, span = args
             residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
-            return residual, goal(context, u, observed)
+            passed, wanted = scene.passed(observed), goal(context, u, observed)
+            return residual, wanted if passed is None else jnp.maximum(wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
         by = steps or Steps()
@@ -116,13 +126,30 @@ class PathScene(Scene):
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         without = Status.BEYOND_LIMIT if together else Status.IMPOSSIBLE
         status = jnp.where(folded, Status.BEYOND_LIMIT, jnp.where(not_held, without, status))
+        beyond = self._beyond_the_model(end, goal, context, span)
+        status = jnp.where(beyond > 0, Status.BEYOND_LIMIT, status)
         why = Reason.LOADS_AND_PRESSURE_NOT_HELD if together else Reason.LOAD_NOT_HELD
-        reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), 0))
+        reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), beyond))
         detail = jnp.where(not_held, span.share_at(end.u), jnp.nan)
-        detail = jnp.where(folded, span.pressure_at(end.u, folded), detail)
+        at_end = folded | (beyond > 0)
+        detail = jnp.where(at_end, span.pressure_at(end.u, at_end), detail)
         possible = self.can_exist()
         status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
         return Search(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
+
+    def _beyond_the_model(self, end: End, goal: Goal, context: Any, span: Span) -> Int[Array, ""]:
+        """The `Reason` for which the model ends where a search did, before its goal; 0 where it does not."""
+        reason = jnp.zeros_like(end.reason)
+        behind = end.u[-1] > span.loading
+        if type(self).passed is not PathScene.passed:
+            observed = _measured(self.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
+            passed = self.passed(observed)
+            if passed is not None:
+                curled = behind & (end.reason == REACHED) & (passed > goal(context, end.u, observed))
+                reason = jnp.where(curled, int(Reason.CURLED_UP), reason)
+        for why, share in self.spent(end.u[:-1], span.pressure_at(end.u, end.reason == ENDED)).items():
+            reason = jnp.where(behind & (end.reason == ENDED) & (share > -AT_THE_EDGE), int(why), reason)
+        return reason
 
     def find(self, pressure):
         return self.find_along(pressure)
@@ -149,19 +176,20 @@ class PathScene(Scene):
         return self.pressure_span().begin
 
     def find_limit(self):
-        """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
+        """As `Found`; its reason says which end it is, and is none for the end of the actuator's own model."""
         span = self.pressure_span()
         start, way, last, before = self._begun(self._start(span), span), span, span.last(), None
         if self.loading == "proportional":
             ray, moderate = _to_moderate(span)
             before = self._search(self._start(span), _to_place, ray.loading, ray)
             start, way, last = before.u.at[-1].set(0.0), onwards(ray, moderate), (span.end - moderate) / span.step
-        u, status, _, _, fold = self._search(start, _to_place, last, way)
+        u, status, steps, reason, detail = self._search(start, _to_place, last, way)
         if before is not None:
             status = jnp.where(before.status == Status.OK, status, Status.IMPOSSIBLE)
-        at_fold = status == Status.BEYOND_LIMIT
-        pressure = jnp.where(at_fold, fold, span.end)
-        return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
+        early = status == Status.BEYOND_LIMIT
+        pressure = jnp.where(early, detail, span.end)
+        status, reason = jnp.where(early, Status.OK, status), jnp.where(early, reason, 0)
+        return Found(u[:-1], pressure, status, steps, reason=reason)
 
     def limit_pressure_from(self, found):
         scale = frozen(self).pressure_span().step
@@ -172,9 +200,43 @@ class PathScene(Scene):
             scene, scale = args
             return scene.residual(u[:-1], u[-1] * scale)
 
-        fold = fold_load(equations, jnp.append(found.unknowns, found.pressure / scale), (scene, scale)) * scale
-        end = scene.pressure_span().end
-        return jnp.where(ok, jnp.where(found.iterations == 1, fold, end), jnp.nan)
+        u = jnp.append(found.unknowns, found.pressure / scale)
+        limit = jnp.where(
+            found.reason == Reason.LIMIT_POINT,
+            fold_load(equations, u, (scene, scale)) * scale,
+            scene.pressure_span().end,
+        )
+        return jnp.where(ok, scene._where_the_model_ends(limit, u, scale, found.reason), jnp.nan)
+
+    def _where_the_model_ends(self, limit: Scalar, u: Vector, scale: Scalar, reason: Int[Array, ""]) -> Scalar:
+        """The pressure (Pa) at which a state reaches an end of the model, with its derivatives, from close to there;
+        `limit` where the branch ends for another reason. scale: what u[-1] = 1 is in Pa."""
+        ends = self._ends(u[:-1], u[-1] * scale)
+        for why in ends:
+            here = reason == why
+
+            def equations(u, args, why=why):
+                scene, scale, start, here = args
+                pressure = u[-1] * scale
+                own = scene.residual(u[:-1], pressure)
+                # Elsewhere the equations may have no solution, or none with derivatives.
+                return jnp.where(here, jnp.append(own, scene._ends(u[:-1], pressure)[why]), u - start)
+
+            args = (gate(here, self), scale, u, here)
+            moving = implicit(equations, u, args)
+            fixed, start = frozen((args, u))
+            jacobian = jax.jacfwd(equations)(start, fixed)
+            closer = (start - solve_small(jacobian, equations(start, fixed)))[-1]
+            limit = jnp.where(here, (moving[-1] + lax.stop_gradient(closer - moving[-1])) * scale, limit)
+        return limit
+
+    def _ends(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
+        """Numbers that rise through zero where the model ends."""
+        ends = self.spent(unknowns, pressure)
+        if type(self).passed is not PathScene.passed:
+            passed = self.passed(self.evaluated(unknowns, pressure)[1])
+            ends |= {} if passed is None else {Reason.CURLED_UP: passed}
+        return ends
 
     def solve_for(self, name, target):
         point, found = self._sought(name, target, self.settled)
@@ -378,6 +440,9 @@ def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
     return u[-1] - place
 
 
+AT_THE_EDGE = 1e-5
+"""A path that ends is at the edge of the model where no more than this part is left of what a part can hold: its last
+steps are SMALLEST_STEP, 1e-7, long."""
 BRANCH_LENGTH = 50.0
 """Arc length of a drawn branch in scaled units at most: through the fold and down to where the finger curls up."""
 BRANCH_POINTS = 100

@@ -39,6 +39,9 @@ class Reason(enum.IntEnum):
     VALUE_PASSED = 12
     TIPS_APART = 13
     LOADS_AND_PRESSURE_NOT_HELD = 14
+    CURLED_UP = 15
+    INCLINED_WALL = 16
+    SECTION_FULL = 17
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
     ANOTHER_BRANCH = 22
@@ -144,6 +147,21 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "number",
         "no equilibrium: of the loads and the pressure, which grow together, {} could be held",
         "no equilibrium: the loads and the pressure, which grow together, cannot be held",
+    ),
+    Reason.CURLED_UP: (
+        "pressure",
+        "no equilibrium that a finger could have: it has curled up by two full turns at {}, where the model ends",
+        "no equilibrium that a finger could have: it would have curled up by more than two full turns",
+    ),
+    Reason.INCLINED_WALL: (
+        "pressure",
+        "no equilibrium: where the finger bends most the inclined walls of its chambers hold no more than {}",
+        "no equilibrium: the inclined walls of the chambers hold no more where the finger bends most",
+    ),
+    Reason.SECTION_FULL: (
+        "pressure",
+        "no equilibrium: the cover carries no larger moment than that of the chambers at {}",
+        "no equilibrium: the chambers' moment is larger than any that the cover carries",
     ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (

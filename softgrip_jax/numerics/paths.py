@@ -291,10 +291,11 @@ def follow(
             *_after_fold_trial(search, new, good),
         )
         chosen = select((chosen.mode >= BIFURCATION) & ~search.careful, _begin(*start, careful=True), chosen)
-        going = case == 0
-        guess = jnp.where(going, search.guess, _guess(chosen))
+        going, again = case == 0, chosen.careful & ~search.careful
+        # A new beginning is at the start itself: see `_begin`.
+        guess = jnp.where(going, search.guess, jnp.where(again, chosen.guess, _guess(chosen)))
         return chosen._replace(
-            count=jnp.where(chosen.careful & ~search.careful, 0, search.count + ~going),
+            count=jnp.where(again, 0, search.count + ~going),
             guess=guess,
             newton=select(going, newton, _newton_from(guess)),
             iterations=search.iterations + 1,

@@ -388,6 +388,30 @@ class FingerScene(PathScene):
             return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
+    def spent(self, unknowns, pressure):
+        """The pressure over what the walls hold where they are most inclined."""
+        if self.inclination == "none":
+            return {}
+        parts, _ = self.chambers()
+        inclinations = jnp.maximum(parts.chamber.share * self.turned(unknowns), 0.0)
+
+        def most(chamber, inclination):
+            wall = within(self.with_chamber(chamber), inclination)
+            if self.finger.material.closed_forms().has_rising_wall:
+                return wall.load(jnp.pi + jnp.zeros_like(inclination))
+            return wall_limit(wall.finger, inclination)
+
+        most_pressures = jax.vmap(most)(parts.chamber, inclinations)
+        return {Reason.INCLINED_WALL: jnp.max(pressure / most_pressures) - 1}
+
+    def turned(self, unknowns: Array) -> Array:
+        """The turn of every part, rad, positive where it bends as the chambers push."""
+        parts, points = self.chambers()
+        method = self.method()
+        if isinstance(method, Shooting) and self.inclination != "none":
+            return self._cut(method, unknowns)[2].turned()
+        return -(parts.high - parts.low) * (self.curvatures(unknowns) @ points.weights)
+
     def end_reason(self):
         closed = self.finger.material.closed_forms().has_rising_wall
         return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT

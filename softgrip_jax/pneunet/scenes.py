@@ -189,6 +189,9 @@ class TipContact(HeldTip):
         return self.tip_offset
 
 
+MOST_TURN = 4 * np.pi
+"""Between clamp and tip of a free finger, rad: two full turns. It would lie on itself; without this end the model of a
+finger with parallel walls has it roll up without end."""
 MATCHED = 1e-6
 """Moments (in EI/L) closer than this belong to a root, whose residual is then judged; others to no equilibrium."""
 
@@ -262,6 +265,21 @@ class Free(FingerScene):
         inclination = jnp.maximum(bent.parts.chamber.share * bent.turned, 0.0)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
+    def passed(self, observed):
+        """A finger that has turned by more than MOST_TURN lies on itself, and the model says nothing of that."""
+        return jnp.abs(observed["tip_angle"]) / MOST_TURN - 1
+
+    def spent(self, unknowns, pressure):
+        if not self.is_arcs():
+            return super().spent(unknowns, pressure)
+        moments = jnp.abs(unknowns) * self.finger.H / self.finger.L / 3
+        return super().spent(unknowns, pressure) | {
+            Reason.SECTION_FULL: jnp.max(moments) / self.law().largest_moment - 1
+        }
+
+    def turned(self, unknowns):
+        return self.turns(unknowns)[0] if self.is_arcs() else super().turned(unknowns)
+
     # --- circular arcs: the unknowns are the moments of the parts, in units of EI/L, positive in the bending direction
 
     def turns(self, unknowns: Array) -> tuple[Array, Array, Array]:
@@ -321,11 +339,16 @@ class Free(FingerScene):
             )
             unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
         # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
-        missing = jnp.max(jnp.abs(self.residual(unknowns, pressure)))
-        status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
+        residual, observed = self.evaluated(unknowns, pressure)
+        carried = jnp.all(jnp.isfinite(self.turns(unknowns)[0]))
+        curled = self.passed(observed) > 0
+        exists = (jnp.max(jnp.abs(residual)) < MATCHED) & ~curled
+        status = jnp.where(exists, Status.OK, Status.BEYOND_LIMIT)
         end = self.pressure_span().end
-        closed = (status == Status.BEYOND_LIMIT) & (pressure > end)
-        reason, detail = jnp.where(closed, int(self.end_reason()), 0), jnp.where(closed, end, jnp.nan)
+        closed = ~exists & (pressure > end)
+        reason = jnp.where(carried, int(Reason.INCLINED_WALL), int(Reason.SECTION_FULL))
+        reason = jnp.where(closed, int(self.end_reason()), jnp.where(curled, int(Reason.CURLED_UP), reason))
+        reason, detail = jnp.where(exists, 0, reason), jnp.where(closed, end, jnp.nan)
         status = jnp.where(self.can_exist(), status, Status.IMPOSSIBLE)
         reason = jnp.where(self.can_exist(), reason, 0)
         return asked_for(pressure, Found(unknowns, pressure, status, iterations, reason=reason, detail=detail))

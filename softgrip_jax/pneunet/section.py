@@ -10,7 +10,7 @@ Where a law has no state for a load, both values are NaN: never a state of anoth
 from __future__ import annotations
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -30,6 +30,9 @@ Scalar = Float[Array, ""]
 
 class SectionLaw(eqx.Module):
     """m, n <-> z, lambda of one cross-section."""
+
+    largest_moment: ClassVar[float] = np.inf
+    """The supremum of |m| without an axial force, where it is known; inf where it is not, or there is none."""
 
     @abc.abstractmethod
     def __call__(self, m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
@@ -126,6 +129,8 @@ class ExactNeoHookean(SectionLaw):
     as u -> 1, where m -> 1/2 for every n: there is a state for every |m| < 1/2, and NaN is returned beyond.
     """
 
+    largest_moment = 0.5
+
     def __call__(self, m, n):
         return _exact_state(m, n)
 
@@ -176,7 +181,7 @@ class ExactNeoHookean(SectionLaw):
 @jax.custom_jvp
 def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
     """(z, lambda) by one scalar root, see `_exact_stretch`; then z = m lambda^6 / k, regular at m = 0."""
-    solvable = jnp.abs(m) < LARGEST_MOMENT
+    solvable = jnp.abs(m) < ExactNeoHookean.largest_moment
     m, n = jnp.where(solvable, m, 0.0), jnp.where(solvable, n, 0.0)
     stretch = _exact_stretch(m, n)
     rest = 1 / (stretch**3 * (stretch - n))
@@ -232,8 +237,6 @@ BENT_STEPS = 4
 """From a start that is good to 1e-2 for |n| < 0.3."""
 FALLING_STEPS = 100
 """Far above the root each takes a fifth off."""
-LARGEST_MOMENT = 0.5
-"""sup |m| of the exact law."""
 NEWTON_STEPS = 3
 """The start is good to 2e-3 for |m| < 0.3, |n| < 0.1, and Newton squares that: 4e-6, 2e-11, last bit."""
 CONVERGED = 1e-7
@@ -329,6 +332,8 @@ class Thesis(SectionLaw):
     zero load; where n is above its maximum (for n = 0: |m| > 1/6) there is no state, and NaN is returned. The law is
     not the derivative of an energy.
     """
+
+    largest_moment = 1 / 6
 
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..curve_scene import CurveScene
+from ..curve_scene import DROP, CurveScene
 from ..errors import InputError
 from ..numerics.curves import slope_of
 from ..numerics.roots import solve_and_sign
@@ -104,8 +104,10 @@ class Newton(Solver):
         angle = jnp.where(begins, start, angle)
         inside = (angle >= start) & (angle <= end)
         slope = slope_of(scene.load)(angle)
-        found = _judged(converged, inside & (slope > 0))
-        status, reason = found
+        # A load that falls from its very beginning leads to no branch.
+        drops = -slope_of(scene.load)(start) * (end - start) > DROP * jnp.abs(low)
+        follows = ~drops if scene.may_dip() and scene.approach() is not None else jnp.asarray(True)
+        status, reason = _judged(converged, inside & (slope > 0) & follows)
         status = jnp.where(begins, Status.NO_CONTACT if scene.CONTACT else Status.OK, status)
         free = jnp.where(pressure <= free_limit, Status.NO_CONTACT, Status.BEYOND_LIMIT)
         status = jnp.where(touches, status, free)
@@ -127,6 +129,11 @@ class Newton(Solver):
         unloaded = jax.jacfwd(lambda y: measured_at(scene, y, jnp.zeros_like(pressure), span.drive_at(begin)))(rest)
         loaded = jax.jacfwd(lambda y: scene.residual(y, pressure))(unknowns)
         status, reason = _judged(converged, _sign(unloaded) == _sign(loaded))
+        passed = scene.passed(scene.evaluated(unknowns, pressure)[1])
+        if passed is not None:
+            curled = (status == Status.OK) & (passed > 0)
+            status = jnp.where(curled, Status.BEYOND_LIMIT, status)
+            reason = jnp.where(curled, int(Reason.CURLED_UP), reason)
         ended = pressure > span.end
         status = jnp.where(ended, Status.BEYOND_LIMIT, status)
         reason = jnp.where(ended, int(scene.end_reason()), reason)
