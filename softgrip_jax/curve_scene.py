@@ -77,6 +77,7 @@ class CurveScene(Scene):
     or to the end of the interval: that is where equilibrium under pressure control ends.
     """
 
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ExplicitCurve", "Newton")
     CONTACT: ClassVar[bool] = True
     """Whether the angle starts where something is first touched (a lower pressure is then NO_CONTACT)."""
 

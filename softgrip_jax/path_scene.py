@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import choice
-from .numerics.paths import BIFURCATION, ENDED, FIRST_STEP, FOLD, LARGEST_STEP, REACHED, End, fold_load, follow, trace
+from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
 from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
 from .results import Status, gate
@@ -42,6 +42,8 @@ class Search(NamedTuple):
 
 class PathScene(Scene):
     """A scene that solves `measured(unknowns, share, pressure)[0] = 0`; share in [0, 1] scales its external loads."""
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ArcLength", "Newton")
 
     loading: str = choice("first", "proportional", default="first", kw_only=True)
     """How the way to a state goes: "first", all external loads before any pressure; "proportional", loads and pressure
@@ -75,6 +77,9 @@ class PathScene(Scene):
     def pressure_span(self) -> Span:
         """The range of pressures in which the actuator acts."""
 
+    def unknown_shape(self):
+        return jax.eval_shape(self.rest).shape
+
     def passed(self, observed: dict[str, Array]) -> Scalar | None:
         """How far a state is beyond what the model covers, rising through zero where that ends (`Reason.CURLED_UP`):
         the equations go on behind it. None where there is no such end."""
@@ -98,7 +103,7 @@ class PathScene(Scene):
         """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
         return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
 
-    def _search(self, start: Vector, goal: Goal, context: Any, span: Span) -> Search:
+    def _search(self, start: Vector, goal: Goal, context: Any, span: Span, steps: Steps | None = None) -> Search:
         """Where goal(context, ...) rises through zero along the path from `start`."""
 
         def equations(u, args):
@@ -108,8 +113,9 @@ class PathScene(Scene):
             return residual, wanted if passed is None else jnp.maximum(wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
-        first = jnp.where(start[-1] >= span.loading, LARGEST_STEP, FIRST_STEP)
-        end = follow(equations, start, (self, context, span), first)
+        by = steps or Steps()
+        first = jnp.where(start[-1] >= span.loading, by.largest, by.first)
+        end = follow(equations, start, (self.searched(), context, span), first, by)
         folded = end.reason == FOLD
         # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
         # them the state beyond is not stable.
@@ -136,7 +142,7 @@ class PathScene(Scene):
         reason = jnp.zeros_like(end.reason)
         behind = end.u[-1] > span.loading
         if type(self).passed is not PathScene.passed:
-            observed = _measured(self, end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
+            observed = _measured(self.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
             passed = self.passed(observed)
             if passed is not None:
                 curled = behind & (end.reason == REACHED) & (passed > goal(context, end.u, observed))
@@ -146,15 +152,19 @@ class PathScene(Scene):
         return reason
 
     def find(self, pressure):
+        return self.find_along(pressure)
+
+    def find_along(self, pressure: Scalar, steps: Steps | None = None) -> Found:
+        """`find` by steps of a certain length."""
         span = self.pressure_span()
         if self.loading == "proportional":
             ray = proportional(span, jnp.minimum(pressure, span.end))
-            found, beyond = self._search(self._start(span), _to_place, ray.loading, ray), pressure > span.end
+            found, beyond = self._search(self._start(span), _to_place, ray.loading, ray, steps), pressure > span.end
         else:
             wanted = span.place_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = self._begun(self._start(span), span, reachable)
-            found, beyond = self._search(start, _to_place, reachable, span), wanted > reachable
+            found, beyond = self._search(start, _to_place, reachable, span, steps), wanted > reachable
         ended = (found.status == Status.OK) & beyond
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
         reason = jnp.where(ended, int(self.end_reason()), found.reason)
@@ -338,7 +348,7 @@ class PathScene(Scene):
         finer = -(-BRANCH_POINTS // (n - 1))
 
         def along(u):
-            return _measured(self, u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
+            return _measured(self.searched(), u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
 
         def follow_it(step, _):
             points, trusted = trace(along, begun, step, finer * (n - 1) + 1)
@@ -418,6 +428,11 @@ def asked_for(pressure: Scalar, found: Found) -> Found:
 def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
     """`scene.measured`, traced once for all that asks for it."""
     return scene.measured(unknowns, share, pressure)
+
+
+def measured_at(scene: PathScene, unknowns: Vector, share: Scalar, drive: Any) -> Vector:
+    """The equations alone at a share of the loads and what drives the chambers there."""
+    return _measured(scene, unknowns, share, drive)[0]
 
 
 def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:

@@ -44,6 +44,7 @@ class Reason(enum.IntEnum):
     SECTION_FULL = 17
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
+    ANOTHER_BRANCH = 22
     FIELD_RULE = 30
     PARTS_DO_NOT_FIT = 31
     PRESSURE_RULE = 32
@@ -172,6 +173,12 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "",
         "",
         "the points along the beam are too few to tell its shape; the values are withheld: give more points",
+    ),
+    Reason.ANOTHER_BRANCH: (
+        "",
+        "",
+        "the equations are solved, but by a state that is not on the branch connected to zero load; the values are "
+        "withheld",
     ),
     Reason.FIELD_RULE: ("", "", "a dimension breaks its own rule, or is not a number"),
     Reason.PARTS_DO_NOT_FIT: ("", "", "the scene cannot exist: its parts do not fit together"),

@@ -63,6 +63,15 @@ class Accuracy(NamedTuple):
     """Or where a first correction leaves about this: itself times the turn of the tangent (its sine)."""
 
 
+class Steps(NamedTuple):
+    """How long the steps along a path may be, and how many."""
+
+    first: float = FIRST_STEP
+    largest: float = LARGEST_STEP
+    turn: float = TURN
+    most: int = MAX_STEPS
+
+
 FINE = Accuracy(1e-16, -1.0)
 ROUGH = Accuracy(1e-3, 0.05)
 """Of the steps on the way: to keep to a branch, not to know it. A search that ends on the way begins once more with
@@ -173,6 +182,7 @@ def _arrived(
     within: Bool[Array, ""] | bool,
     first: Bool[Array, ""] | bool = False,
     polishing: Bool[Array, ""] | bool = False,
+    turn: float = TURN,
 ) -> tuple[Point, Scalar, Bool[Array, ""], Scalar, Bool[Array, ""]]:
     """Where a Newton iteration is, how the goal rises along the path there, whether that can be trusted to be the
     path's next point once it has converged, about how far from there it was left by its first correction, and whether
@@ -190,7 +200,8 @@ def _arrived(
     correction = jnp.linalg.norm(newton.u - guess)
     near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + jnp.where(polishing, 3 * SLACK, SLACK)
     ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
-    trusted = jnp.where(first, ahead, (straight > jnp.where(polishing, POLISHED_TURN, TURN)) & (near | within))
+    least = jnp.where(polishing, min(POLISHED_TURN, turn), turn)
+    trusted = jnp.where(first, ahead, (straight > least) & (near | within))
     # Only the first correction tells: a Newton iteration that wanders may come back to its guess from far away.
     left = jnp.where(newton.count > 1, jnp.inf, correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0)))
     return Point(newton.u, tangent, local.goal, side), rise, trusted & same_side, left, trusted & ~same_side
@@ -244,11 +255,15 @@ class End(NamedTuple):
     """Newton iterations."""
 
 
-def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | float = FIRST_STEP) -> End:
+def follow(
+    equations: Equations, u: Vector, args: Any = None, first: Scalar | float = FIRST_STEP, steps: Steps | None = None
+) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
-    equations: must take every traced value through u and args. first: the arc length to try first.
+    equations: must take every traced value through u and args. first: the arc length to try first. steps: of all the
+    others.
     """
+    by = steps or Steps()
     traced = jax.jit(equations)  # once for all that follows
 
     def iterate(search: Search, context) -> Search:
@@ -260,7 +275,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         first = (search.count == 0) & ~to_goal
         within = to_goal & ~_directly(search)
         new, rise, trusted, left, crossed = _arrived(
-            newton, local, search.before, search.guess, within, first, search.polishing
+            newton, local, search.before, search.guess, within, first, search.polishing, by.turn
         )
         roughly = stepping & ~search.polishing & ~search.careful & (jnp.abs(new.tangent[-1]) > STEEP)
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
@@ -271,7 +286,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         going = _goes_on(newton, limit, accuracy)
         case, chosen = _first_of(
             (going, search),
-            *_after_step(search, new, rise, good, roughly, crossed & converged),
+            *_after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
             *_after_goal_trial(search, new, good),
             *_after_fold_trial(search, new, good),
         )
@@ -287,7 +302,7 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
         )
 
     def busy(search: Search) -> Bool[Array, ""]:
-        return (search.mode < REACHED) & (search.count < MAX_STEPS)
+        return (search.mode < REACHED) & (search.count < by.most)
 
     end = in_slots(busy, iterate, _begin(u, first), (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
@@ -356,9 +371,10 @@ def _after_step(
     good: Bool[Array, ""],
     roughly: Bool[Array, ""],
     crossed: Bool[Array, ""],
+    largest: float,
 ) -> tuple[Case, ...]:
     stepping, first = search.mode == STEPPING, search.count == 0
-    shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
+    shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, largest)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
     length = jnp.where(first, search.length, longer)
     # Where the goal seems to be within the next step, that step is to end there.

@@ -18,8 +18,9 @@ from ..reasons import Reason
 from ..results import Status
 from ..scene import Found
 from .beam import Loads
+from .beam_method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import POINTS, FingerScene, Scalar, to_weight
+from .finger_scene import FingerScene, Scalar, to_weight
 from .section import axial_stretch
 
 SECTIONS = ("exact", "thesis", "inextensible")
@@ -108,8 +109,11 @@ class HeldTip(FingerScene):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
 
+    def held(self, unknowns):
+        return unknowns[0]
+
     def bent(self, unknowns, share, pressure):
-        return self.beam(unknowns[1:], unknowns[0], share, pressure)
+        return self.bend(unknowns[1:], unknowns[0], share, pressure)
 
     def measured(self, unknowns, share, pressure):
         bent = self.bent(unknowns, share, pressure)
@@ -121,7 +125,7 @@ class HeldTip(FingerScene):
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
 
     def profile(self, unknowns, pressure, n):
-        return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
+        return self.beam_profile(self.seen(unknowns, pressure), n)
 
 
 MOST_STRETCH = 2.0
@@ -154,6 +158,7 @@ class TipContact(HeldTip):
         points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
             known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
             for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
+        beam: how the beam's equations are solved, Collocation(points=16) by default, or Shooting(...), see there.
 
     tip_force is Lambda: positive when the tip pushes towards -y, negative where what holds it pulls (hold = "both").
     """
@@ -166,6 +171,7 @@ class TipContact(HeldTip):
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
     hold: str = choice("both", "press", default="both", kw_only=True)
+    beam: BeamMethod | None = beam_method()
 
     OBSERVABLES = {"tip_force": "force", "tip": "position", "tip_angle": "angle", "end_moment": "moment"}
 
@@ -202,7 +208,7 @@ class Free(FingerScene):
         combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
         loading: "first" or "proportional", see `FingerScene`.
-        points: as in TipContact.
+        points, beam: as in TipContact.
 
     Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
     scalar root per part where the inclination couples.
@@ -216,6 +222,7 @@ class Free(FingerScene):
     inclination: str = choice(*INCLINATIONS, default="segment")
     combination: str = choice("sum", "larger", default="sum")
     points: int = count(default=POINTS)
+    beam: BeamMethod | None = beam_method()
 
     OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
@@ -237,8 +244,8 @@ class Free(FingerScene):
         tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
         return Loads(tip[0], tip[1], *self.weights(share))
 
-    def roughness(self, unknowns):
-        return jnp.zeros(()) if self.is_arcs() else super().roughness(unknowns)
+    def is_resolved(self, unknowns):
+        return jnp.asarray(True) if self.is_arcs() else super().is_resolved(unknowns)
 
     def is_unloaded(self):
         if self.is_arcs():
@@ -249,7 +256,7 @@ class Free(FingerScene):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
     def bent(self, unknowns, share, pressure):
-        return self.beam(unknowns, None, share, pressure)
+        return self.bend(unknowns, None, share, pressure)
 
     def measured(self, unknowns, share, pressure):
         if self.is_arcs():
@@ -310,10 +317,10 @@ class Free(FingerScene):
         hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
         return jnp.maximum(pushes, -hanging / (unit * self.finger.moment_scale()))
 
-    def find(self, pressure):
+    def find_along(self, pressure, steps=None):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
         if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclination != "none"):
-            return super().find(pressure)
+            return super().find_along(pressure, steps)
         parts, _ = self.chambers()
         highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
 
@@ -353,7 +360,7 @@ class Free(FingerScene):
 
     def profile(self, unknowns, pressure, n):
         if not self.is_arcs():
-            return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
+            return self.beam_profile(self.seen(unknowns, pressure), n)
         turned, stretch, lengths = self.turns(unknowns)
         x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.

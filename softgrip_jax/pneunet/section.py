@@ -53,6 +53,17 @@ class SectionLaw(eqx.Module):
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
         return self.loads(z, stretch)[0], stretch
 
+    def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
+        """(dz, dlambda) of the state (z, lambda) under small changes dm and dn of its loads; m is its moment.
+
+        Along a beam this is a state's own differential equation: nothing is solved for at any place.
+        """
+        one, none = jnp.ones_like(z), jnp.zeros_like(z)
+        m_z, n_z = jax.jvp(self.loads, (z, stretch), (one, none))[1]
+        m_l, n_l = jax.jvp(self.loads, (z, stretch), (none, one))[1]
+        scale = 1 / (m_z * n_l - m_l * n_z)
+        return (n_l * dm - m_l * dn) * scale, (m_z * dn - n_z * dm) * scale
+
 
 class Inextensible(SectionLaw):
     """lambda = 1, M = mu B H^3 theta'/3 (Euler-Bernoulli, plane strain): m = z/3. It knows no axial force."""
@@ -70,6 +81,9 @@ class Inextensible(SectionLaw):
 
     def bent(self, z, n):
         return z / 3, 1 + 0 * z
+
+    def rates(self, m, z, stretch, dm, dn):
+        return 3 * dm, 0 * dn
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w = z^2 / 6."""
@@ -134,6 +148,11 @@ class ExactNeoHookean(SectionLaw):
 
     def bent(self, z, n):
         return _exact_bent(z, n)
+
+    def rates(self, m, z, stretch, dm, dn):
+        m_z, n_z, n_l = self.stiffness(m, z, stretch)
+        scale = 1 / (m_z * n_l - n_z * n_z)
+        return (n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale
 
     def stiffness(self, m: Scalar, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """The Hessian of w, (m_z, n_z = m_lambda, n_lambda), with m_z = ((1 - u^2)^-2 - 2 k) / lambda^6.
