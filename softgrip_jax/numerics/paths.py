@@ -275,11 +275,13 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
             *_after_goal_trial(search, new, good),
             *_after_fold_trial(search, new, good),
         )
-        chosen = select((chosen.mode >= BIFURCATION) & ~search.careful, _begin(*start, careful=True), chosen)
+        again = (chosen.mode >= BIFURCATION) & ~search.careful
+        chosen = select(again, _begin(*start, careful=True), chosen)
         going = case == 0
-        guess = jnp.where(going, search.guess, _guess(chosen))
+        # The second try, too, begins where the path does, and not a step ahead on whatever branch is there.
+        guess = jnp.where(going | again, chosen.guess, _guess(chosen))
         return chosen._replace(
-            count=jnp.where(chosen.careful & ~search.careful, 0, search.count + ~going),
+            count=jnp.where(again, 0, search.count + ~going),
             guess=guess,
             newton=select(going, newton, _newton_from(guess)),
             iterations=search.iterations + 1,
