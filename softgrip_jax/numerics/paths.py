@@ -52,6 +52,8 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
+ROUNDED = 1e-13
+"""Moves below this are rounding alone: from a point of the path itself they are of one size from the first one on."""
 
 
 class Accuracy(NamedTuple):
@@ -161,7 +163,7 @@ def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) ->
 
 
 def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
-    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move)
+    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
     return settled & jnp.isfinite(newton.last)
 
 
