@@ -184,7 +184,7 @@ def test_pressure_for_finds_every_force_that_solve_reports(make):
             jnp.stack([by_force.pressure, by_force_z.pressure]) / state.pressure,
         )
 
-    every = jax.vmap(jax.vmap(one, (None, 0)), (0, None))(designs, shares)
+    every = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))(designs, shares)
     assert np.all(np.asarray(every[0]) == OK)
     assert np.all(np.asarray(every[1]) == OK)
     assert np.all(np.asarray(every[2]) == OK)

@@ -52,6 +52,8 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
+ROUNDED = 1e-13
+"""Moves below this are rounding alone: from a point of the path itself they are of one size from the first one on."""
 
 
 class Accuracy(NamedTuple):
@@ -170,7 +172,7 @@ def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) ->
 
 
 def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
-    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move)
+    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
     return settled & jnp.isfinite(newton.last)
 
 
@@ -290,10 +292,11 @@ def follow(
             *_after_goal_trial(search, new, good),
             *_after_fold_trial(search, new, good),
         )
-        chosen = select((chosen.mode >= BIFURCATION) & ~search.careful, _begin(*start, careful=True), chosen)
-        going, again = case == 0, chosen.careful & ~search.careful
-        # A new beginning is at the start itself: see `_begin`.
-        guess = jnp.where(going, search.guess, jnp.where(again, chosen.guess, _guess(chosen)))
+        again = (chosen.mode >= BIFURCATION) & ~search.careful
+        chosen = select(again, _begin(*start, careful=True), chosen)
+        going = case == 0
+        # The second try, too, begins where the path does, and not a step ahead on whatever branch is there.
+        guess = jnp.where(going | again, chosen.guess, _guess(chosen))
         return chosen._replace(
             count=jnp.where(again, 0, search.count + ~going),
             guess=guess,
