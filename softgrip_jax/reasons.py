@@ -39,6 +39,7 @@ class Reason(enum.IntEnum):
     VALUE_PASSED = 12
     TIPS_APART = 13
     LOADS_AND_PRESSURE_NOT_HELD = 14
+    CELL_LAW_ENDS = 15
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
     FIELD_RULE = 30
@@ -143,6 +144,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "number",
         "no equilibrium: of the loads and the pressure, which grow together, {} could be held",
         "no equilibrium: the loads and the pressure, which grow together, cannot be held",
+    ),
+    Reason.CELL_LAW_ENDS: (
+        "pressure",
+        "nothing is known: the cell law of the finger ends at {}",
+        "nothing is known: the pressure is beyond the end of the finger's cell law",
     ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (

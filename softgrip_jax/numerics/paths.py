@@ -244,10 +244,17 @@ class End(NamedTuple):
     """Newton iterations."""
 
 
-def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | float = FIRST_STEP) -> End:
+def follow(
+    equations: Equations,
+    u: Vector,
+    args: Any = None,
+    first: Scalar | float = FIRST_STEP,
+    is_there: Bool[Array, ""] | bool = False,
+) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
     equations: must take every traced value through u and args. first: the arc length to try first.
+    is_there: True where u is the goal itself, and nothing is to be done.
     """
     traced = jax.jit(equations)  # once for all that follows
 
@@ -288,7 +295,9 @@ def follow(equations: Equations, u: Vector, args: Any = None, first: Scalar | fl
     def busy(search: Search) -> Bool[Array, ""]:
         return (search.mode < REACHED) & (search.count < MAX_STEPS)
 
-    end = in_slots(busy, iterate, _begin(u, first), (args, u, jnp.asarray(first, u.dtype)))
+    begin = _begin(u, first)
+    begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
+    end = in_slots(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 

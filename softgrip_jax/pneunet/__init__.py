@@ -1,6 +1,7 @@
 """The pneu-net finger: chambers, cover, and the scenes of a finger and of a gripper of n fingers."""
 
 from ..names import listing as _listing
+from .cell import Cell as Cell
 from .chamber import Chamber as Chamber
 from .chamber import SmallStrainChamber as SmallStrainChamber
 from .chamber import chamber as chamber
