@@ -25,13 +25,13 @@ SPREAD = np.array([0.02, 0.05, 0.6, 0.5, 0.15, 0.1, 0.25, 0.6])
 """Of p / mu, phi and the dimensions a, b, t_m, h_x, h_L, H in mm: what a derivative is multiplied with."""
 SLOPES = 0.5
 """Weight of the derivatives beside the values."""
-RIDGE = 3e-3
+RIDGE = 1.5e-2
 """Of the regularisation; more for higher powers of the dimensions: see `penalties`."""
 LEAST_SLOPE, ROUNDS = 0.5, 4
 DOUBTFUL = 0.15
 """Derivatives that are off by more than so much of the tolerance count less: contact that comes or goes spoils some."""
-COVER, FINER = 0.93, 1.02
-"""Bending stiffness of the cell over mu B H^3 / 3; and what finite elements give (types A and E, 10 to 31 kPa) over
+FINER = 1.02
+"""What finite elements give (types A and E, 10 to 31 kPa) over
 what the solid gives, whose polynomials are few: of the moment beside the cover's, and of the force."""
 NOTHING = 0.1
 """Where nothing touches, the force before rounding off is to be at least so far below zero."""
@@ -69,6 +69,10 @@ def row_of(z):
 def moment_row(z):
     loaded, rest, scale, _ = row_of(z)
     return scale[0] * B**3 * (loaded - rest)
+
+
+def covers_moment(z):
+    return form.COVER * B * z[7] ** 3 / 3 * z[1] / (0.5 * z[6] + z[5])
 
 
 def place_row(z):
@@ -114,13 +118,13 @@ def rising(C, z, D, EI_slope, ridge, rows, right):
     """Coefficients of the moment again, with its slope by phi raised to LEAST_SLOPE of the cover's where it is less."""
     weight = 1 / (3 * EI_slope)
     for _ in range(ROUNDS):
-        low = LEAST_SLOPE * EI_slope > (D @ C)
+        low = (LEAST_SLOPE - form.COVER) * EI_slope > (D @ C)
         rows, right = (
             np.concatenate([rows, (D * weight[:, None])[low]]),
-            np.concatenate([right, ((LEAST_SLOPE + 0.2) * EI_slope * weight)[low]]),
+            np.concatenate([right, ((LEAST_SLOPE + 0.2 - form.COVER) * EI_slope * weight)[low]]),
         )
         C = solve(rows, right, ridge)
-    print("cells whose moment falls with the curvature:", int(np.sum(D @ C < 0)), "of", len(z))
+    print("cells whose moment falls with the curvature:", int(np.sum(-form.COVER * EI_slope > D @ C)), "of", len(z))
     return C
 
 
@@ -136,7 +140,7 @@ def main(out, paths, keep_back, kinds, ridge):
     M, c, F, lever, compliance = values.T
     half, EI = 0.5 * z[:, 6] + z[:, 5], B * z[:, 7] ** 3 / 3
     # The solid of `generate` is softer than finer meshes.
-    cover = COVER * EI * z[:, 1] / half
+    cover = form.COVER * EI * z[:, 1] / half
     M, F = np.where(has, cover + FINER * (M - cover), M), np.where(has, FINER * F, F)
     blocked = {(i, round(p, 9)): abs(m) for i, p, phi, m in zip(g, z[:, 0], z[:, 1], M, strict=True) if phi == 0}
     reference = np.array([blocked.get((i, round(p, 9)), 0.0) for i, p in zip(g, z[:, 0], strict=True)])
@@ -183,16 +187,17 @@ def main(out, paths, keep_back, kinds, ridge):
 
     none = (np.zeros(len(g)), np.zeros((len(g), 8)))
     # Where there are finite elements they count, and of the solid the derivatives alone.
-    counts = np.where(has & np.isin(g, [KINDS.index(kind) for kind in kinds]), 0.0, 1.0)
+    counts = np.where(has & np.isin(g, [KINDS.index(kind) for kind in kinds]), 0.0, np.where(has, 1.0, 2.0))
     trust = 1 / (1 + 5 * rim / (reference + 1.0))
     C = {}
-    C["moment"], model_M = fitted(moment_row, M, none, slopes[:, 0], tolerance, trust)
+    bent = (cover, np.asarray(jax.vmap(jax.grad(covers_moment))(jnp.asarray(z))))
+    C["moment"], model_M = fitted(moment_row, M, bent, slopes[:, 0], tolerance, trust)
     by_half = np.zeros((len(g), 8))
     by_half[:, 5], by_half[:, 6] = 1.0, 0.5
     tight = half * (0.005 + 0.2 * np.abs(c / half - 1))
     C["stretch"], model_c = fitted(place_row, c, (half, by_half), slopes[:, 1], tight, trust)
     # The force before it is rounded off: known where something presses, below zero elsewhere.
-    unit = 0.1 * z[:, 7] / B * B**2
+    unit = np.asarray(jax.vmap(lambda z: row_of(z)[2][1])(z)) * B**2
     share = F / unit
     touching = share > 0.02
     target = np.where(touching, np.log(np.expm1(np.clip(form.SHARP * share, 1e-9, 30))) / form.SHARP, -NOTHING)

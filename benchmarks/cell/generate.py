@@ -185,7 +185,7 @@ class Follower:
                 return state
 
 
-def run(out: Path, first: int, count: int, seconds: float) -> None:
+def run(out: Path, first: int, count: int, seconds: float, forward: bool) -> None:
     began = time.time()
     follower = Follower(S.Solid(S.Mesh(DEGREES)))
     rows = []
@@ -210,9 +210,10 @@ def run(out: Path, first: int, count: int, seconds: float) -> None:
                     lost += 1
                     break
             note(root)
-            up = [k * x_B for k in CURVATURES] + ([0.125 * x_B] if p > 0.15 else [])
+            bent = [0.04, 0.08, 0.125] if forward else [*CURVATURES, 0.125] if p > 0.15 else CURVATURES
+            up = [k * x_B for k in bent]
             backwards = BACKWARDS if p in (0.0, PRESSURES[-1]) else BACKWARDS[:1]
-            down = [-k * float(rims_meet(s)) * x_B for k in backwards]
+            down = [] if forward else [-k * float(rims_meet(s)) * x_B for k in backwards]
             for way in (up, down):
                 state = root
                 for phi in way:
@@ -244,5 +245,6 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=30)
     parser.add_argument("--seconds", type=float, default=2400)
+    parser.add_argument("--forward", action="store_true", help="no curvatures at which rims meet: twice as fast")
     a = parser.parse_args()
-    run(a.out, a.first, a.count, a.seconds)
+    run(a.out, a.first, a.count, a.seconds, a.forward)
