@@ -56,3 +56,7 @@ def located(where: str) -> Iterator[None]:
 
 class UnitWarning(UserWarning):
     """A number that can be meant, but was probably given in another unit than the SI unit that was asked for."""
+
+
+class CellRangeWarning(UserWarning):
+    """A finger whose dimensions are outside of what the cell law was fitted to."""

@@ -69,6 +69,11 @@ class PathScene(Scene):
     def evaluated(self, unknowns, pressure):
         return _measured(self, unknowns, jnp.ones_like(pressure), self.driven(pressure))
 
+    def found_directly(self, pressure: Scalar) -> tuple[Vector, Bool[Array, ""] | bool]:
+        """(unknowns at a pressure, True) where they can be found without the way there, as the state that is connected
+        to zero load; (anything, False) where the path is to be followed."""
+        return self.rest(), False
+
     def driven(self, pressure: Scalar) -> Any:
         """What `measured` is given of a pressure, as `Span.drive_at` gives it on the way."""
         return pressure
@@ -103,8 +108,16 @@ class PathScene(Scene):
         """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
         return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
 
-    def _search(self, start: Vector, goal: Goal, context: Any, span: Span, steps: Steps | None = None) -> Search:
-        """Where goal(context, ...) rises through zero along the path from `start`."""
+    def _search(
+        self,
+        start: Vector,
+        goal: Goal,
+        context: Any,
+        span: Span,
+        steps: Steps | None = None,
+        is_there: Bool[Array, ""] | bool = False,
+    ) -> Search:
+        """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`."""
 
         def equations(u, args):
             scene, context, span = args
@@ -115,7 +128,7 @@ class PathScene(Scene):
         # Where the pressure alone acts the path is nearly straight.
         by = steps or Steps()
         first = jnp.where(start[-1] >= span.loading, by.largest, by.first)
-        end = follow(equations, start, (self.searched(), context, span), first, by)
+        end = follow(equations, start, (self.searched(), context, span), first, by, is_there)
         folded = end.reason == FOLD
         # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
         # them the state beyond is not stable.
@@ -164,7 +177,9 @@ class PathScene(Scene):
             wanted = span.place_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = self._begun(self._start(span), span, reachable)
-            found, beyond = self._search(start, _to_place, reachable, span, steps), wanted > reachable
+            unknowns, is_found = self.found_directly(span.pressure_at(start.at[-1].set(reachable)))
+            start = jnp.where(is_found, jnp.append(unknowns, reachable), start)
+            found, beyond = self._search(start, _to_place, reachable, span, steps, is_found), wanted > reachable
         ended = (found.status == Status.OK) & beyond
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
         reason = jnp.where(ended, int(self.end_reason()), found.reason)

@@ -42,6 +42,7 @@ class Reason(enum.IntEnum):
     CURLED_UP = 15
     INCLINED_WALL = 16
     SECTION_FULL = 17
+    CELL_LAW_ENDS = 18
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
     ANOTHER_BRANCH = 22
@@ -162,6 +163,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "pressure",
         "no equilibrium: the cover carries no larger moment than that of the chambers at {}",
         "no equilibrium: the chambers' moment is larger than any that the cover carries",
+    ),
+    Reason.CELL_LAW_ENDS: (
+        "pressure",
+        "nothing is known: the cell law of the finger ends at {}",
+        "nothing is known: the pressure is beyond the end of the finger's cell law",
     ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (

@@ -37,6 +37,7 @@ DISPLAY = {
     "pressure": ("kPa", kPa),
     "moment": ("N mm", N_mm),
     "angle": ("deg", degree),
+    "curvature": ("1/m", 1.0),
     "mass": ("g", gram),
     "number": ("", 1.0),
 }
@@ -52,6 +53,7 @@ SI = {
     "pressure": "Pa",
     "moment": "N m",
     "angle": "rad",
+    "curvature": "1/m",
     "mass": "kg",
     "number": "",
 }

@@ -258,12 +258,17 @@ class End(NamedTuple):
 
 
 def follow(
-    equations: Equations, u: Vector, args: Any = None, first: Scalar | float = FIRST_STEP, steps: Steps | None = None
+    equations: Equations,
+    u: Vector,
+    args: Any = None,
+    first: Scalar | float = FIRST_STEP,
+    steps: Steps | None = None,
+    is_there: Bool[Array, ""] | bool = False,
 ) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
     equations: must take every traced value through u and args. first: the arc length to try first. steps: of all the
-    others.
+    others. is_there: True where u is the goal itself, and nothing is to be done.
     """
     by = steps or Steps()
     traced = jax.jit(equations)  # once for all that follows
@@ -307,7 +312,9 @@ def follow(
     def busy(search: Search) -> Bool[Array, ""]:
         return (search.mode < REACHED) & (search.count < by.most)
 
-    end = in_slots(busy, iterate, _begin(u, first), (args, u, jnp.asarray(first, u.dtype)))
+    begin = _begin(u, first)
+    begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
+    end = in_slots(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 

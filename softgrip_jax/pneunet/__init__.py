@@ -3,6 +3,7 @@
 from ..names import listing as _listing
 from .beam_method import Collocation as Collocation
 from .beam_method import Shooting as Shooting
+from .cell import Cell as Cell
 from .chamber import Chamber as Chamber
 from .chamber import SmallStrainChamber as SmallStrainChamber
 from .chamber import chamber as chamber

@@ -47,6 +47,7 @@ class Cover(NamedTuple):
     slenderness: Scalar
     """H / L."""
     law: SectionLaw
+    """Of all parts, or one for each: see `SectionLaw.axis`."""
     loads: Loads
 
 
@@ -110,7 +111,8 @@ def bend(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: 
     turned, turns = integrals(curvature, widths, points)
     theta = clamp + turned
     s = parts.low[:, None] + widths[:, None] * points.places[None]
-    every = jax.vmap(jax.vmap(_at_a_point, (None, 0, 0, 0)), (None, 0, 0, 0))
+    along = (Cover(None, cover.law.axis(), None), 0, 0, 0)
+    every = jax.vmap(jax.vmap(_at_a_point, (None, 0, 0, 0)), along)
     moment, stretch, dx, dy, change = every(cover, s, curvature, theta)
     x, y = integrals(dx, widths, points)[1], integrals(dy, widths, points)[1]
     external, at_clamp = -remaining(change, widths, points), -integrals(change, widths, points)[1][-1]
@@ -184,16 +186,21 @@ def corrected(
     """
     places, states = found
     size, count = states.size, len(places)
-    moments = jnp.repeat(active, (count - 1) // len(active))
+    each = (count - 1) // len(active)
+    moments = jnp.repeat(active, each)
+    own = cover_of(jnp.zeros_like(states[0, 0]) if held is None else held).law
+    axis = own.axis()
+    laws = own if axis is None else jax.tree.map(lambda leaf: jnp.repeat(leaf, each, axis=0), own)
     force = jnp.zeros_like(states[0, 0]) if held is None else held
 
-    def arrived(low, high, moment, state, force):
-        end = adaptive(slopes, State(*state), (cover_of(force), moment), low, high, tolerance)
+    def arrived(low, high, moment, law, state, force):
+        cover = cover_of(force)._replace(law=law)
+        end = adaptive(slopes, State(*state), (cover, moment), low, high, tolerance)
         return jnp.stack(end)
 
     def every(u):
         y, force = u[:-1].reshape(count, 4), u[-1]
-        there = jax.vmap(arrived, (0, 0, 0, 0, None))(places[:-1], places[1:], moments, y[:-1], force)
+        there = jax.vmap(arrived, (0, 0, 0, axis, 0, None))(places[:-1], places[1:], moments, laws, y[:-1], force)
         clamped = (y[0] - states[0])[jnp.array([0, 2, 3])]
         last = force if tip is None else y[-1, 3] - tip
         return jnp.concatenate([clamped, (there - y[1:]).reshape(-1), jnp.stack([y[-1, 1], last])])

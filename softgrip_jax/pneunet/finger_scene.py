@@ -8,6 +8,7 @@ direction are reported as positive numbers.
 from __future__ import annotations
 
 import dataclasses
+import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -16,10 +17,11 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..checked import is_concrete, to_float_array
-from ..errors import InputError
+from ..checked import choice, is_concrete, to_float_array
+from ..errors import CellRangeWarning, InputError
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
+from ..numerics.queue import in_slots
 from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
@@ -27,7 +29,8 @@ from ..scene import RESIDUAL_EPS, Found
 from ..spans import LATER, Span
 from .beam import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
 from .beam_method import POINTS, BeamMethod, Collocation, Shooting
-from .chamber import end_moment, pressure_of_moment, touching_angle, wall_limit, within
+from .cell.law import LARGEST_PRESSURE, cell_section, outside
+from .chamber import end_moment, gap_share, pressure_of_moment, touching_angle, wall_limit, within
 from .finger import SEGMENT_FIELDS, PneuNet
 from .rules import chambers_apart, margins_of_parts
 from .section import section_law
@@ -70,6 +73,17 @@ def to_weight(value: Any) -> Any:
 LOADING = 4.0
 """Loads (over EI/L^2) per unit of the path: the longest step, 4, at twice the mean slope then adds 32. From one load
 that buckles a finger with its tip held to the next it is 39.5 (20.2, 59.7, ...); a step across two goes unseen."""
+
+
+DRIVES = ("thesis", "cell")
+SPREADS = ("root", "none")
+
+
+LIGHT = 10.0
+"""Loads, over EI / L^2, that buckle no finger: half of what buckles one with its tip held."""
+SHRINKING, FREE_STEPS, DIRECT_STEPS, ARRIVED = 0.5, 3, 20, 1e-8
+"""Newton's steps halve at least, but for the first ones, which see the kink where rims meet; a step below ARRIVED
+leaves its square, which is rounding."""
 
 
 class PartChamber(NamedTuple):
@@ -147,6 +161,12 @@ class FingerScene(PathScene):
     finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
     chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
 
+    drive: what pushes the finger. "thesis": arcs in the walls and M_T of (4.39) on a bare cover, the thesis's model;
+    moment_spread "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)). "cell": the cell law
+    (`cell.law`), near to finite elements of chamber, walls, rims and cover together, at every point of the beam;
+    section and inclination have no part in it, and end_moment is that of a straight segment at the tip. The forces of
+    the two differ by a factor of about four: docs/theory/cell.md.
+
     loading: the way on which a state is reached decides which one it is, and whether there is one. "first": weight and
     pulls grow from nothing to their full size, then the pressure. "proportional": weight, pulls and tip offset grow in
     proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
@@ -179,6 +199,11 @@ class FingerScene(PathScene):
                 f"{type(self).__name__}.points is {self.points} and its beam is {self.beam!r}; points is short for "
                 "beam=Collocation(points=...), so give one of them."
             )
+        if self.drive == "cell" and isinstance(self.beam, Shooting):
+            raise InputError(
+                f"{type(self).__name__}.beam is {self.beam!r} and its drive 'cell'; the cell law is solved by "
+                "sg.pneunet.Collocation(...) only."
+            )
 
     def method(self) -> Any:
         """How the beam's equations are solved."""
@@ -196,8 +221,12 @@ class FingerScene(PathScene):
             return self
         return self.with_method(dataclasses.replace(method, searching=True))
 
+    drive: str = choice(*DRIVES, default="thesis", kw_only=True)
+    moment_spread: str = choice(*SPREADS, default="root", kw_only=True)
+
     def prepared(self):
         """With more points, or more segments, where loads that are known numbers bend the beam in thin layers."""
+        self._warn_outside()
         if not is_concrete(*jax.tree.leaves(self)):
             return self
         with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
@@ -209,6 +238,22 @@ class FingerScene(PathScene):
             needed = int(np.ceil(growth / GROWTH_PER_SEGMENT))
             return self.with_method(dataclasses.replace(method, segments=max(method.segments, needed)))
         return self.with_method(Collocation(max(method.points, POINTS + int(np.ceil(growth - SMOOTH_GROWTH)))))
+
+    def is_cell(self) -> bool:
+        """True where the cell law drives the finger, and is its section law, too."""
+        return self.drive == "cell"
+
+    def _warn_outside(self) -> None:
+        """One warning where known dimensions are outside of what the cell law was fitted to."""
+        finger = self.finger
+        if self.is_cell() and is_concrete(*(getattr(finger, name) for name in (*SEGMENT_FIELDS, "H", "B"))):
+            beyond = outside(finger)
+            if beyond:
+                warnings.warn(
+                    f"The cell law was not fitted to such a finger: {'; '.join(beyond)}.",
+                    CellRangeWarning,
+                    stacklevel=4,
+                )
 
     def stiffness(self) -> Scalar:
         """EI = mu B H^3 / 3 (plane strain), N m^2."""
@@ -232,7 +277,7 @@ class FingerScene(PathScene):
         parts, points = self.chambers()
         widths = parts.high - parts.low
         curvature = self._at_points(unknowns)
-        cover, line = self.line(curvature, held, share)
+        cover, line = self.line(curvature, held, share, pressure)
         turned = -widths * (curvature @ points.weights)
         active = self._active(parts, turned, pressure)
         gaps = once(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
@@ -240,6 +285,8 @@ class FingerScene(PathScene):
 
     def _active(self, parts: Part, turned: Array, pressure: Scalar | Moment) -> Array:
         """The active moments of parts that have turned so far, over mu B H^2."""
+        if self.is_cell():  # the law of the section holds what the chambers do
+            return jnp.zeros(len(turned))
         if isinstance(pressure, Moment):
             return -pressure.active + jnp.zeros(len(turned))
         # A part that bends backwards keeps parallel walls.
@@ -247,9 +294,13 @@ class FingerScene(PathScene):
         inclinations = jnp.zeros_like(turned) if parallel else jnp.maximum(parts.chamber.share * turned, 0.0)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
-    def cover(self, held: Scalar | None, share: Scalar) -> Cover:
-        """What bends, and the loads on it."""
-        return Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
+    def cover(self, held: Scalar | None, share: Scalar, pressure: Any = None) -> Cover:
+        """What bends, and the loads on it; the pressure acts where the cell law is the section's."""
+        law = self.law()
+        if self.is_cell():
+            parts, _ = self.chambers()
+            law = jax.vmap(lambda chamber: cell_section(self.with_chamber(chamber), pressure))(parts.chamber)
+        return Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, share))
 
     def _cut(self, method: Shooting, unknowns: Array) -> tuple[Part, Points, Segments]:
         parts, points = self.chambers()
@@ -291,7 +342,7 @@ class FingerScene(PathScene):
         bent = self.bent(unknowns, one, pressure)
         if isinstance(bent.line, Line):
             return bent
-        return bent._replace(line=self.line(self.curvatures(unknowns), self.held(unknowns), one)[1])
+        return bent._replace(line=self.line(self.curvatures(unknowns), self.held(unknowns), one, pressure)[1])
 
     def _at_points(self, unknowns: Array) -> Array:
         """The curvatures of the collocation; they are the last of the unknowns."""
@@ -300,18 +351,21 @@ class FingerScene(PathScene):
         unknowns = unknowns[-len(widths) * count :].reshape(-1, count)
         return unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
 
-    def line(self, curvature: Array, held: Scalar | None, share: Scalar) -> tuple[Cover, Line]:
-        """The beam with these curvatures under its loads, whatever acts in the chambers."""
+    def line(
+        self, curvature: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+    ) -> tuple[Cover, Line]:
+        """The beam with these curvatures under its loads; the pressure acts on it where the cell law is its law."""
         parts, points = self.chambers()
-        cover = self.cover(held, share)
+        cover = self.cover(held, share, pressure)
         return cover, bend(cover, self.clamp(), parts, curvature, points)
 
     def margins_at_rest(self):
         return margins_of_parts(self.finger)
 
     def margins_of_state(self, unknowns, pressure):
-        """chambers_apart: see `rules`. Arcs only bend as the chambers push, which moves their tops apart."""
-        if self.is_arcs():
+        """chambers_apart: see `rules`. Arcs only bend as the chambers push, which moves their tops apart; the cell law
+        knows what chambers do that meet."""
+        if self.is_arcs() or self.is_cell():
             return {}
         parts, points = self.chambers()
         return {"chambers_apart": chambers_apart(self.finger, parts, self.curvatures(unknowns), points)}
@@ -343,7 +397,8 @@ class FingerScene(PathScene):
     def chambers(self) -> tuple[Part, Points]:
         """The parts of the beam and the points in each: one part where all chambers push alike."""
         finger = self.finger
-        count = finger.segments or (1 if self.inclination == "none" or self.is_one_arc() else INCLINATION_PARTS)
+        one = self.inclination == "none" or self.is_one_arc() or self.is_cell()
+        count = finger.segments or (1 if one else INCLINATION_PARTS)
         wanted = self.method().points
         points = gauss_points(wanted if count == 1 else max(PART_POINTS, 1 - (-wanted // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
@@ -358,10 +413,40 @@ class FingerScene(PathScene):
         """The finger with one part's dimensions."""
         return dataclasses.replace(self.finger, **chamber.fields)
 
+    def found_directly(self, pressure):
+        """With the cell law and light loads: Newton's method from the straight finger. A cell's moment rises with its
+        curvature, so there is one state as long as the loads do not buckle the finger; steps that do not shrink by half
+        leave the answer to the path."""
+        if not self.is_cell():
+            return super().found_directly(pressure)
+        light = _tension(self) < LIGHT
+        one = jnp.ones_like(pressure)
+
+        def iterate(state, context):
+            scene, pressure, one = context
+            y, size, count, good = state
+
+            def equations(y):
+                return scene.measured(y, one, pressure)[0]
+
+            move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
+            norm = jnp.linalg.norm(move)
+            shrinks = (norm < SHRINKING * size) | (norm < ARRIVED) | (count < FREE_STEPS)
+            return y - move, norm, count + 1, good & shrinks & jnp.isfinite(norm)
+
+        def busy(state):
+            _, size, count, good = state
+            return good & (size > ARRIVED) & (count < DIRECT_STEPS)
+
+        start = (self.rest(), jnp.full_like(pressure, jnp.inf), jnp.asarray(0), light)
+        y, size, _, good = in_slots(busy, iterate, start, (self, pressure, one))
+        return y, good & (size <= ARRIVED)
+
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
-        return end_moment(finger, pressure, inclination) / finger.moment_scale()
+        moment = end_moment(finger, pressure, inclination) / finger.moment_scale()
+        return moment if self.moment_spread == "root" else moment / gap_share(finger)
 
     def pressure_span(self):
         finger = self.finger
@@ -381,6 +466,9 @@ class FingerScene(PathScene):
         begin, scale, end = jax.vmap(of)(fields)
         loads = _tension(self)
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
+        if self.is_cell():
+            end = LARGEST_PRESSURE * finger.material.shear_modulus()
+            return Span(loading, 0 * loading, jnp.min(scale), end, LATER + 0 * loading)
         numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
         if self.is_driven_by_moment():
             wall = within(finger, jnp.zeros_like(finger.L))
@@ -390,7 +478,7 @@ class FingerScene(PathScene):
 
     def spent(self, unknowns, pressure):
         """The pressure over what the walls hold where they are most inclined."""
-        if self.inclination == "none":
+        if self.inclination == "none" or self.is_cell():
             return {}
         parts, _ = self.chambers()
         inclinations = jnp.maximum(parts.chamber.share * self.turned(unknowns), 0.0)
@@ -413,12 +501,15 @@ class FingerScene(PathScene):
         return -(parts.high - parts.low) * (self.curvatures(unknowns) @ points.weights)
 
     def end_reason(self):
+        if self.is_cell():
+            return Reason.CELL_LAW_ENDS
         closed = self.finger.material.closed_forms().has_rising_wall
         return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT
 
     def is_driven_by_moment(self) -> bool:
         """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentSpan`."""
         alike = self.finger.segments is None and self.inclination == "none" and not self.is_arcs()
+        alike = alike and self.drive == "thesis" and self.moment_spread == "root"
         # Loads that grow with the pressure ask for the pressure itself on the way.
         alike = alike and self.loading == "first"
         return alike and self.finger.material.closed_forms().has_rising_wall
@@ -493,10 +584,14 @@ class FingerScene(PathScene):
     def beam_observables(self, bent: Bent) -> dict[str, Array]:
         """What every finger reports."""
         finger, line = self.finger, bent.line
+        pushed = -bent.active[-1]
+        if self.is_cell():
+            last = jax.tree.map(lambda leaf: leaf[-1], bent.cover.law)
+            pushed = last.bent(jnp.zeros_like(pushed), jnp.zeros_like(pushed))[0]
         return {
             "tip": jnp.stack([end[-1] for end in line.ends]) * finger.L,
             "tip_angle": self.clamp() - line.angles[-1],
-            "end_moment": -bent.active[-1] * finger.moment_scale(),
+            "end_moment": pushed * finger.moment_scale(),
         }
 
     def beam_profile(self, bent: Bent, n: int) -> dict[str, Array]:

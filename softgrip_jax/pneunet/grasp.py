@@ -173,7 +173,7 @@ class Grasp(HeldTip):
     def margins_of_state(self, unknowns, pressure):
         gripper, finger = self.gripper, self.finger
         parts, points = self.chambers()
-        line = self.line(self.curvatures(unknowns), unknowns[0], jnp.ones_like(pressure))[1]
+        line = self.line(self.curvatures(unknowns), unknowns[0], jnp.ones_like(pressure), pressure)[1]
         depth = gripper.touching_depth()
         x, y = (finger.L * at for at in line_inside(line, parts, depth / finger.L, points))
         radius = gripper.midline_radius() + y

@@ -11,6 +11,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..checked import choice, count, finite, part, vector
+from ..errors import InputError
 from ..membrane import arc_chain
 from ..numerics.roots import bracketed_root
 from ..path_scene import asked_for
@@ -226,7 +227,16 @@ class Free(FingerScene):
 
     OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
+    def __check_init__(self) -> None:
+        if self.is_cell() and self.combination == "larger":
+            raise InputError(
+                'Free.combination is "larger", the thesis\'s rule for its own chambers; with drive = "cell" it must be '
+                '"sum".'
+            )
+
     def is_arcs(self):
+        if self.is_cell():
+            return False
         return self.combination == "larger" or (self.weight is None and self.tip_load is None)
 
     def is_one_arc(self):
@@ -250,7 +260,8 @@ class Free(FingerScene):
     def is_unloaded(self):
         if self.is_arcs():
             return jnp.asarray(self.combination == "sum")
-        return jnp.all(jnp.stack([jnp.all(v == 0) for v in (self.weight, self.tip_load) if v is not None]))
+        given = [jnp.all(v == 0) for v in (self.weight, self.tip_load) if v is not None]
+        return jnp.all(jnp.stack(given)) if given else jnp.asarray(True)
 
     def rest(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()

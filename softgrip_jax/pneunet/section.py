@@ -46,6 +46,10 @@ class SectionLaw(eqx.Module):
     def stretches(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Of the stretch at a curvature under an axial force: a bound from below, one from above, a good guess."""
 
+    def axis(self) -> int | None:
+        """0 where every part of a beam has a law of its own, stacked in one; None where all have the same."""
+        return None
+
     def bent(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
         """(m, lambda) at the curvature z under the axial force n: one state for any pair, unlike under (m, n)."""
         law, *given = lax.stop_gradient((self, z, n))

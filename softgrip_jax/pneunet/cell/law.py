@@ -1,0 +1,128 @@
+"""The cell law of a finger: what one segment's chamber, walls, rims and cover do together (see docs/theory/cell.md).
+
+Under uniform bending with the curvature kappa (per reference length, positive as the chambers bend the finger) and the
+axial force N, a segment needs the external moment M_ext about the cover's mid-height:
+
+    M_ext = M_0(kappa) - N lambda_0'(kappa) - N^2 C'(kappa) / 2,   lambda = lambda_0(kappa) + N C(kappa)
+
+both from one potential. M_0, lambda_0 and the axial compliance C depend on the pressure over mu and on the geometry;
+`form` holds their form, and `law.npz` the numbers, fitted to three-dimensional solids (`solid`) of neo-Hookean
+material. Other strain energies enter by their shear modulus at rest.
+"""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...numerics.roots import implicit, newton_bracketed
+from ..finger import PneuNet
+from ..section import SectionLaw
+from . import form
+
+Scalar = Float[Array, ""]
+
+NUMBERS = Path(__file__).with_name("law.npz")
+LARGEST_PRESSURE = form.MOST_PRESSURE
+"""Over mu: 32.6 kPa for Dragon Skin 20. The states that the law was fitted to end there."""
+CHECKED_WIDTH = 20.0
+CHECKED = {n: (float(v), float(w)) for n, v, w in zip(form.SIZES, 20 * form.LOW, 20 * form.HIGH, strict=True)}
+"""Dimensions that the law was fitted to, mm for a cover of the width B = 20 mm; others scale with B."""
+
+
+@functools.cache
+def numbers() -> np.ndarray:
+    """C of `form`."""
+    with np.load(NUMBERS) as data:
+        return data["C"].astype(float)
+
+
+class Cell(NamedTuple):
+    """One cell at one pressure: coefficients of its functions of the curvature."""
+
+    coefficients: dict[str, Array]
+    moment_at_rest: Scalar
+    """What the fit leaves of the moment and the strain without load, taken off everywhere."""
+    strain_at_rest: Scalar
+
+    def state(self, k: Scalar, nu: Scalar) -> dict[str, Array]:
+        """moment, stretch, force, lever and compliance at the curvature k = kappa B under nu = N / (mu B^2)."""
+        v = form.at_curvature(self.coefficients, k)
+        moment = v["moment"] - self.moment_at_rest - nu * (v["stretch_slope"] + 0.5 * nu * v["compliance_slope"])
+        stretch = 1 + v["stretch"] - self.strain_at_rest + nu * v["compliance"]
+        return v | {"moment": moment, "stretch": stretch}
+
+
+def sizes(finger: PneuNet) -> Array:
+    """The finger's lengths over B, in the order of the form."""
+    return jnp.stack([getattr(finger, name) / finger.B for name in form.SIZES])
+
+
+def cell_of(finger: PneuNet, pressure: Scalar) -> Cell:
+    """The cell of a uniform finger, or of one segment, at a pressure (Pa)."""
+    net, x = numbers(), sizes(finger)
+    share = pressure / finger.material.shear_modulus()
+    rest = form.at_curvature(form.coefficients(net, x, jnp.zeros_like(share)), jnp.zeros_like(share))
+    return Cell(form.coefficients(net, x, share), rest["moment"], rest["stretch"])
+
+
+class CellSection(SectionLaw):
+    """The cell as the section law of the beam, in its signs and units: z = H theta', m = M / (mu B H^2)."""
+
+    cell: Cell
+    slenderness: Scalar
+    """H / B."""
+
+    def axis(self):
+        return 0 if self.slenderness.ndim else None
+
+    def bent(self, z, n):
+        h = self.slenderness
+        state = self.cell.state(-z / h, n * h)
+        return -state["moment"] / h**2, state["stretch"]
+
+    def loads(self, z, stretch):
+        h = self.slenderness
+        free = form.at_curvature(self.cell.coefficients, -z / h)
+        n = (stretch - 1 - free["stretch"] + self.cell.strain_at_rest) / free["compliance"] / h
+        return self.bent(z, n)[0], n
+
+    def stretches(self, z, n):
+        stretch = self.bent(z, n)[1]
+        return stretch, stretch, stretch
+
+    def __call__(self, m, n):
+        """The curvature is searched between MOST_BENT either way, where the moment rises with it."""
+        law, *given = lax.stop_gradient((self, m, n))
+        high = jnp.full_like(given[0] + given[1], MOST_BENT)
+        found = newton_bracketed(lambda z: law.bent(z, given[1])[0] - given[0], -high, high, 3 * given[0]).x
+        z = implicit(lambda z, args: args[0].bent(z, args[2])[0] - args[1], found, (self, m, n))
+        return z, self.bent(z, n)[1]
+
+
+MOST_BENT = 1.5
+"""H theta' beyond which no cell of the data was bent."""
+
+
+def cell_section(finger: PneuNet, pressure: Scalar) -> CellSection:
+    """The section law of a cell at a pressure (Pa)."""
+    return CellSection(cell_of(finger, pressure), finger.H / finger.B)
+
+
+def outside(finger: Any) -> list[str]:
+    """The dimensions that lie outside of what the law was fitted to, in words; for known numbers."""
+    scale = CHECKED_WIDTH / (1e3 * np.asarray(finger.B))
+    found = []
+    for name, (low, high) in CHECKED.items():
+        value = np.atleast_1d(1e3 * np.asarray(getattr(finger, name))) * scale
+        if np.any(value < low * (1 - 1e-9)) or np.any(value > high * (1 + 1e-9)):
+            worst = value[np.argmax(np.maximum(low - value, value - high))]
+            low, high, worst = (v / scale.max() for v in (low, high, worst))
+            found.append(f"{name} = {worst:.4g} mm (checked: {low:.4g} to {high:.4g} mm)")
+    return found
