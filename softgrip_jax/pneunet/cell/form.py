@@ -3,9 +3,10 @@
     f(kappa; p, geometry) = sum_ijk C_ijk G_i(geometry) P_j(p / mu) K_k(kappa)
 
 for the moment (beside that of the cover), the force, the lever, the stretch and the axial compliance, each over a
-typical size. G: polynomials of second degree in the logarithms of the six lengths over B; P: functions of the pressure that rise fast, as the walls touch, or steadily; K: a
-constant, the curvature, and softplus functions of it (smooth kinks), which stand close where rims meet. A beam asks for
-the sums over i and j once at each pressure, and for those over k at each of its points.
+typical size. G: polynomials of second degree in the logarithms of the six lengths over B; P: functions of the pressure
+that rise fast, as the walls touch, or steadily; K: a constant, the curvature, and softplus functions of it (smooth
+kinks), which stand close where rims meet. A beam asks for the sums over i and j once at each pressure, and for those
+over k at each of its points.
 
 Lengths are over B, curvatures times B, pressures over mu, moments over mu B^3, forces over mu B^2.
 """
