@@ -11,12 +11,13 @@ OLDEST := .venv-minimum
 OLDEST_TESTS := $(addprefix tests/test_,imports.py jax_version.py config.py cli.py cli_path.py starter.py materials.py \
 	shell_values.py chamber.py)
 
-.PHONY: help setup run test test-minimum check lint bench docs notebooks
+.PHONY: help setup run test test-all test-minimum check lint bench docs notebooks
 
 help:
 	@echo "make setup   a virtual environment in .venv, from requirements.lock"
 	@echo "make run     set-up, then the design search of configs/finger_tip_force.toml"
 	@echo "make test    set-up, then the tests"
+	@echo "make test-all    set-up, then the tests and the long sweeps among them, through optimised programs (an hour)"
 	@echo "make test-minimum   some of the tests with the oldest versions that pyproject.toml allows"
 	@echo "make check   set-up, then wide random checks: a million shells, 100,000 fingers, all derivatives (hours)"
 	@echo "make lint    set-up, then ruff and pyright"
@@ -37,7 +38,10 @@ run: setup
 	$(BIN)/softgrip design configs/finger_tip_force.toml
 
 test: setup
-	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
+test-all: setup
+	JAX_DISABLE_MOST_OPTIMIZATIONS=0 $(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder -m "slow or not slow"
 
 test-minimum: $(OLDEST)/.stamp-setup
 	$(OLDEST)/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile $(OLDEST_TESTS)

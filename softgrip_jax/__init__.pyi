@@ -3,6 +3,7 @@ from . import materials as materials
 from . import objects as objects
 from . import pneunet as pneunet
 from . import shell as shell
+from . import solvers as solvers
 from . import study as study
 from . import units as units
 from ._version import __version__ as __version__

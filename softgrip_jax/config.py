@@ -5,6 +5,7 @@ Nothing here is written per scene. The keys of a table follow from the fields of
     a = positive("length")            a_mm = 16             the key carries the unit of its kind (units.DISPLAY)
     friction = friction()             friction = 0.96       or a table [scene.friction] with force_N, coefficient
     lever = choice("exact", "rim")    lever = "rim"
+    beam = beam_method()              beam = "shooting", or a table { type = "shooting", rtol = 1e-6 }
     ignored_rules = rule_names()      ignored_rules = ["chambers_apart"]
     shell = part(FlatShell)           [scene.shell]         `type` chooses where several classes fit, `preset` a
     fingers: int (static)             fingers = 2           ready one, whose other keys may be overridden;
@@ -302,6 +303,11 @@ def read_field(key: Key, value: Any, where: str) -> Any:
         return read_module(meta["types"], value, f"{where[:-1]}.{key.key}]")
     if "allowed" in meta:
         return pick(value, {name: name for name in meta["allowed"]}, place)
+    if "methods" in meta:
+        # A name or a table of numbers; what is wrong with it is said where the scene is made.
+        if not isinstance(value, str | dict):
+            raise ConfigError(f"{place} is {_show(value)}; it must be one of {', '.join(map(repr, meta['methods']))}.")
+        return value
     if "names" in meta:
         if not isinstance(value, list):
             raise ConfigError(f"{place} is {_show(value)}; it must be a list of names from {', '.join(meta['names'])}.")
@@ -389,7 +395,7 @@ def keys_of(cls: type) -> dict[str, Key]:
     keys = []
     for field in dataclasses.fields(cls):
         meta, annotation = field.metadata, hints[field.name]
-        known = any(word in meta for word in ("rule", "types", "allowed", "names")) or meta.get("friction")
+        known = any(word in meta for word in ("rule", "types", "allowed", "names", "methods")) or meta.get("friction")
         if not known and annotation not in (int, bool, str):
             continue
         if "rule" in meta and "size" not in meta and not shapes_of(annotation):
@@ -419,11 +425,19 @@ def classes_of(bases: Iterable[type]) -> dict[str, type]:
     for cls in bases:
         described = [key.name for key in keys_of(cls).values()]
         whole = all(f.name in described or not _is_required(f) for f in dataclasses.fields(cls))
-        if whole and not inspect.isabstract(cls):
+        if whole and not inspect.isabstract(cls) and _is_offered(cls):
             found.setdefault(type_name(cls), cls)
         for name, subclass in classes_of(cls.__subclasses__()).items():
             found.setdefault(name, subclass)
     return found
+
+
+def _is_offered(cls: type) -> bool:
+    """True for what a room of the package shows to its users, and for everybody's own classes."""
+    package, _, rooms = cls.__module__.partition(".")
+    if package != __package__ or not issubclass(cls, Scene):
+        return True
+    return getattr(sys.modules[f"{package}.{rooms.split('.')[0]}"], cls.__name__, None) is cls
 
 
 def presets_of(bases: Iterable[type]) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
@@ -20,6 +21,9 @@ Scalar = Float[Array, ""]
 
 BRANCH_CELLS = 512
 """The end of a drawn branch is one of as many places, and with them right to a line's width."""
+DROP, FIRST = 1e-6, np.geomspace(1e-6, 1e-1, 16)
+"""A load falls at first where it is lower by this part at one of these parts of the interval: a dip that is less deep
+lets the state snap by nothing that anybody could see."""
 BEFORE_END = 1e-6
 """The end of the interval itself may be singular (a flat membrane turned inside out): a branch stops so much before."""
 
@@ -50,6 +54,8 @@ class Climb(NamedTuple):
     """The free state's angle at its first maximum, where it has one before it touches."""
     free_limit: Scalar
     """The largest pressure of the free state where it does not touch: inf where the material locks before."""
+    drops: Bool[Array, ""]
+    """Whether the load falls from the very beginning: the state then snaps where it begins, and no branch leads on."""
 
 
 class End(NamedTuple):
@@ -58,6 +64,7 @@ class End(NamedTuple):
     MODEL: int = 0
     PEAK: int = 1
     FREE_PEAK: int = 2
+    BEGINNING: int = 3
 
 
 END = End()
@@ -70,6 +77,7 @@ class CurveScene(Scene):
     or to the end of the interval: that is where equilibrium under pressure control ends.
     """
 
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ExplicitCurve", "Newton")
     CONTACT: ClassVar[bool] = True
     """Whether the angle starts where something is first touched (a lower pressure is then NO_CONTACT)."""
 
@@ -109,7 +117,12 @@ class CurveScene(Scene):
         start, end = self.interval()
         scan = scan_curve(self.load, start, end, "dips" if self.may_dip() else "single")
         touches, peak, limit = self._approached(start)
-        return Climb(scan, end, self.can_exist() & ((start < end) | ~touches), touches, peak, limit)
+        possible = self.can_exist() & ((start < end) | ~touches)
+        drops = jnp.asarray(False)
+        if self.may_dip() and self.approach() is not None:
+            lowest = jnp.nanmin(jax.vmap(self.load)(start + (end - start) * FIRST))
+            drops = touches & (lowest < scan.y[0] * (1 - DROP))
+        return Climb(scan, end, possible, touches, peak, limit, drops)
 
     def _approached(self, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
         """(touches, free_peak, free_limit) of `Climb`."""
@@ -135,7 +148,8 @@ class CurveScene(Scene):
         scan = climb.scan
         wanted = wanted & scan.falls
         peak = first_maximum(self.load, scan, wanted)
-        return jnp.where(wanted, peak, jnp.where(scan.falls, scan.x[scan.sure], climb.end))
+        stop = jnp.where(wanted, peak, jnp.where(scan.falls, scan.x[scan.sure], climb.end))
+        return jnp.where(climb.drops, scan.x[0], stop)
 
     def find(self, pressure):
         climb = self.climb()
@@ -164,7 +178,7 @@ class CurveScene(Scene):
 
     def _why(self, climb: Climb) -> Int[Array, ""]:
         """The reason where the branch ends."""
-        own = jnp.where(climb.scan.falls, Reason.LIMIT_POINT, self.end_reason())
+        own = jnp.where(climb.scan.falls | climb.drops, Reason.LIMIT_POINT, self.end_reason())
         return jnp.where(climb.touches, own, Reason.LIMIT_BEFORE_CONTACT)
 
     def onset(self):
@@ -180,20 +194,21 @@ class CurveScene(Scene):
     def find_limit(self):
         climb = self.climb()
         scan, stop, possible = climb.scan, self.stop(climb), climb.possible
-        endless = self.unbounded() & ~scan.falls
+        endless = self.unbounded() & ~scan.falls & ~climb.drops
         pressure = jnp.where(endless, jnp.inf, self.load(stop))
         pressure = jnp.where(climb.touches, pressure, climb.free_limit)
         status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
-        code = jnp.where(climb.touches, jnp.where(scan.falls, END.PEAK, END.MODEL), END.FREE_PEAK)
+        own = jnp.where(climb.drops, END.BEGINNING, jnp.where(scan.falls, END.PEAK, END.MODEL))
+        code = jnp.where(climb.touches, own, END.FREE_PEAK)
         return Found(jnp.where(climb.touches, stop, climb.free_peak), pressure, status, code)
 
     def limit_pressure_from(self, found):
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
         code = found.iterations
         scene = gate(ok & (code != END.FREE_PEAK), self)
-        pressure = scene.load(
-            jnp.where(code == END.PEAK, _at_peak(scene, found.unknowns), jnp.where(ok, scene.interval()[1], 1.0))
-        )
+        start, end = scene.interval()
+        border = jnp.where(ok, jnp.where(code == END.BEGINNING, start, end), 1.0)
+        pressure = scene.load(jnp.where(code == END.PEAK, _at_peak(scene, found.unknowns), border))
         approach = self.approach()
         if approach is not None:
             free = gate(ok & (code == END.FREE_PEAK), approach.scene)
@@ -214,7 +229,7 @@ class CurveScene(Scene):
         at_start = value == seen[0]
         angle = jnp.where(at_start, start, crossing.x)
         # A value on the far side of the one at the start, seen from where the curve goes, belongs to no state of it.
-        before = (value - seen[0]) * (wanted(fixed, stop) - seen[0]) <= 0
+        before = ((value - seen[0]) * (wanted(fixed, stop) - seen[0]) <= 0) & ~climb.drops
         status = jnp.where(before, Status.NO_CONTACT if self.CONTACT else Status.IMPOSSIBLE, Status.BEYOND_LIMIT)
         reached = crossing.exists & ~at_start if self.CONTACT else crossing.exists | at_start
         status = jnp.where(reached, Status.OK, status)

@@ -31,15 +31,15 @@ def describe(module: Any, has_units: bool = True) -> str:
     # As a call reads: what may be given by place comes first.
     for field in sorted(dataclasses.fields(module), key=lambda field: field.kw_only):
         # In the middle of its construction a module may not have all of its fields.
-        # An empty list of names (of rules that are switched off) says nothing.
-        if field.repr and field.name in vars(module) and not _is_empty(vars(module)[field.name]):
+        # An empty list of names (of rules that are switched off) says nothing, nor does a method that nobody chose.
+        if field.repr and field.name in vars(module) and not _is_empty(vars(module)[field.name], field):
             kind = field.metadata.get("kind", "number") if has_units else "number"
             shown.append(f"{field.name}={_describe_value(vars(module)[field.name], kind, has_units)}")
     return f"{type(module).__name__}({', '.join(shown)})"
 
 
-def _is_empty(value: Any) -> bool:
-    return isinstance(value, tuple) and not value
+def _is_empty(value: Any, field: dataclasses.Field[Any]) -> bool:
+    return (isinstance(value, tuple) and not value) or (value is None and "methods" in field.metadata)
 
 
 def is_readable(value: Any) -> bool:

@@ -332,10 +332,10 @@ def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[R
         return
     parts = scene.chambers()[0].low.shape[0]
     cost = SECTION_COST[scene.section] * share
-    each, finest, count = (FEWEST_POINTS if parts == 1 else PART_POINTS), max(FINEST_POINTS, scene.points), 0
+    each, finest, count = (FEWEST_POINTS if parts == 1 else PART_POINTS), max(FINEST_POINTS, scene.method().points), 0
     while True:
         every = each * parts
-        finer = dataclasses.replace(scene, points=every)
+        finer = scene.with_method(pneunet.Collocation(every))
         yield Rung(
             finer, left_out, f"{every} points along the finger", cost * (PATH_COST + POINT_COST * every**2), POINT_GAIN
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import abc
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,8 +17,8 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import choice
-from .numerics.paths import BIFURCATION, FIRST_STEP, FOLD, LARGEST_STEP, REACHED, fold_load, follow, trace
-from .numerics.roots import implicit, select
+from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
+from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
 from .results import Status, gate
 from .scene import FALLEN, Found, Scene, frozen
@@ -42,6 +42,8 @@ class Search(NamedTuple):
 
 class PathScene(Scene):
     """A scene that solves `measured(unknowns, share, pressure)[0] = 0`; share in [0, 1] scales its external loads."""
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ArcLength", "Newton")
 
     loading: str = choice("first", "proportional", default="first", kw_only=True)
     """How the way to a state goes: "first", all external loads before any pressure; "proportional", loads and pressure
@@ -80,6 +82,18 @@ class PathScene(Scene):
     def pressure_span(self) -> Span:
         """The range of pressures in which the actuator acts."""
 
+    def unknown_shape(self):
+        return jax.eval_shape(self.rest).shape
+
+    def passed(self, observed: dict[str, Array]) -> Scalar | None:
+        """How far a state is beyond what the model covers, rising through zero where that ends (`Reason.CURLED_UP`):
+        the equations go on behind it. None where there is no such end."""
+        return None
+
+    def spent(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
+        """What a state uses of the most that its parts can hold, less 1: the equations have no value above zero."""
+        return {}
+
     def is_unloaded(self) -> Array:
         """True where `rest` already solves the scene at no pressure: there are no external loads."""
         return jnp.asarray(False)
@@ -95,18 +109,26 @@ class PathScene(Scene):
         return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
 
     def _search(
-        self, start: Vector, goal: Goal, context: Any, span: Span, is_there: Bool[Array, ""] | bool = False
+        self,
+        start: Vector,
+        goal: Goal,
+        context: Any,
+        span: Span,
+        steps: Steps | None = None,
+        is_there: Bool[Array, ""] | bool = False,
     ) -> Search:
         """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`."""
 
         def equations(u, args):
             scene, context, span = args
             residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
-            return residual, goal(context, u, observed)
+            passed, wanted = scene.passed(observed), goal(context, u, observed)
+            return residual, wanted if passed is None else jnp.maximum(wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
-        first = jnp.where(start[-1] >= span.loading, LARGEST_STEP, FIRST_STEP)
-        end = follow(equations, start, (self, context, span), first, is_there)
+        by = steps or Steps()
+        first = jnp.where(start[-1] >= span.loading, by.largest, by.first)
+        end = follow(equations, start, (self.searched(), context, span), first, by, is_there)
         folded = end.reason == FOLD
         # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
         # them the state beyond is not stable.
@@ -117,26 +139,47 @@ class PathScene(Scene):
         status = jnp.where(end.reason == REACHED, Status.OK, Status.NOT_CONVERGED)
         without = Status.BEYOND_LIMIT if together else Status.IMPOSSIBLE
         status = jnp.where(folded, Status.BEYOND_LIMIT, jnp.where(not_held, without, status))
+        beyond = self._beyond_the_model(end, goal, context, span)
+        status = jnp.where(beyond > 0, Status.BEYOND_LIMIT, status)
         why = Reason.LOADS_AND_PRESSURE_NOT_HELD if together else Reason.LOAD_NOT_HELD
-        reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), 0))
+        reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), beyond))
         detail = jnp.where(not_held, span.share_at(end.u), jnp.nan)
-        detail = jnp.where(folded, span.pressure_at(end.u, folded), detail)
+        at_end = folded | (beyond > 0)
+        detail = jnp.where(at_end, span.pressure_at(end.u, at_end), detail)
         possible = self.can_exist()
         status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
         return Search(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
 
+    def _beyond_the_model(self, end: End, goal: Goal, context: Any, span: Span) -> Int[Array, ""]:
+        """The `Reason` for which the model ends where a search did, before its goal; 0 where it does not."""
+        reason = jnp.zeros_like(end.reason)
+        behind = end.u[-1] > span.loading
+        if type(self).passed is not PathScene.passed:
+            observed = _measured(self.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
+            passed = self.passed(observed)
+            if passed is not None:
+                curled = behind & (end.reason == REACHED) & (passed > goal(context, end.u, observed))
+                reason = jnp.where(curled, int(Reason.CURLED_UP), reason)
+        for why, share in self.spent(end.u[:-1], span.pressure_at(end.u, end.reason == ENDED)).items():
+            reason = jnp.where(behind & (end.reason == ENDED) & (share > -AT_THE_EDGE), int(why), reason)
+        return reason
+
     def find(self, pressure):
+        return self.find_along(pressure)
+
+    def find_along(self, pressure: Scalar, steps: Steps | None = None) -> Found:
+        """`find` by steps of a certain length."""
         span = self.pressure_span()
         if self.loading == "proportional":
             ray = proportional(span, jnp.minimum(pressure, span.end))
-            found, beyond = self._search(self._start(span), _to_place, ray.loading, ray), pressure > span.end
+            found, beyond = self._search(self._start(span), _to_place, ray.loading, ray, steps), pressure > span.end
         else:
             wanted = span.place_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = self._begun(self._start(span), span, reachable)
             unknowns, is_found = self.found_directly(span.pressure_at(start.at[-1].set(reachable)))
             start = jnp.where(is_found, jnp.append(unknowns, reachable), start)
-            found, beyond = self._search(start, _to_place, reachable, span, is_found), wanted > reachable
+            found, beyond = self._search(start, _to_place, reachable, span, steps, is_found), wanted > reachable
         ended = (found.status == Status.OK) & beyond
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
         reason = jnp.where(ended, int(self.end_reason()), found.reason)
@@ -148,19 +191,20 @@ class PathScene(Scene):
         return self.pressure_span().begin
 
     def find_limit(self):
-        """As `Found`; `iterations` says which end it is: 1 a fold, 0 the end of the actuator's model."""
+        """As `Found`; its reason says which end it is, and is none for the end of the actuator's own model."""
         span = self.pressure_span()
         start, way, last, before = self._begun(self._start(span), span), span, span.last(), None
         if self.loading == "proportional":
             ray, moderate = _to_moderate(span)
             before = self._search(self._start(span), _to_place, ray.loading, ray)
             start, way, last = before.u.at[-1].set(0.0), onwards(ray, moderate), (span.end - moderate) / span.step
-        u, status, _, _, fold = self._search(start, _to_place, last, way)
+        u, status, steps, reason, detail = self._search(start, _to_place, last, way)
         if before is not None:
             status = jnp.where(before.status == Status.OK, status, Status.IMPOSSIBLE)
-        at_fold = status == Status.BEYOND_LIMIT
-        pressure = jnp.where(at_fold, fold, span.end)
-        return Found(u[:-1], pressure, jnp.where(at_fold, Status.OK, status), at_fold.astype(int))
+        early = status == Status.BEYOND_LIMIT
+        pressure = jnp.where(early, detail, span.end)
+        status, reason = jnp.where(early, Status.OK, status), jnp.where(early, reason, 0)
+        return Found(u[:-1], pressure, status, steps, reason=reason)
 
     def limit_pressure_from(self, found):
         scale = frozen(self).pressure_span().step
@@ -171,9 +215,43 @@ class PathScene(Scene):
             scene, scale = args
             return scene.residual(u[:-1], u[-1] * scale)
 
-        fold = fold_load(equations, jnp.append(found.unknowns, found.pressure / scale), (scene, scale)) * scale
-        end = scene.pressure_span().end
-        return jnp.where(ok, jnp.where(found.iterations == 1, fold, end), jnp.nan)
+        u = jnp.append(found.unknowns, found.pressure / scale)
+        limit = jnp.where(
+            found.reason == Reason.LIMIT_POINT,
+            fold_load(equations, u, (scene, scale)) * scale,
+            scene.pressure_span().end,
+        )
+        return jnp.where(ok, scene._where_the_model_ends(limit, u, scale, found.reason), jnp.nan)
+
+    def _where_the_model_ends(self, limit: Scalar, u: Vector, scale: Scalar, reason: Int[Array, ""]) -> Scalar:
+        """The pressure (Pa) at which a state reaches an end of the model, with its derivatives, from close to there;
+        `limit` where the branch ends for another reason. scale: what u[-1] = 1 is in Pa."""
+        ends = self._ends(u[:-1], u[-1] * scale)
+        for why in ends:
+            here = reason == why
+
+            def equations(u, args, why=why):
+                scene, scale, start, here = args
+                pressure = u[-1] * scale
+                own = scene.residual(u[:-1], pressure)
+                # Elsewhere the equations may have no solution, or none with derivatives.
+                return jnp.where(here, jnp.append(own, scene._ends(u[:-1], pressure)[why]), u - start)
+
+            args = (gate(here, self), scale, u, here)
+            moving = implicit(equations, u, args)
+            fixed, start = frozen((args, u))
+            jacobian = jax.jacfwd(equations)(start, fixed)
+            closer = (start - solve_small(jacobian, equations(start, fixed)))[-1]
+            limit = jnp.where(here, (moving[-1] + lax.stop_gradient(closer - moving[-1])) * scale, limit)
+        return limit
+
+    def _ends(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
+        """Numbers that rise through zero where the model ends."""
+        ends = self.spent(unknowns, pressure)
+        if type(self).passed is not PathScene.passed:
+            passed = self.passed(self.evaluated(unknowns, pressure)[1])
+            ends |= {} if passed is None else {Reason.CURLED_UP: passed}
+        return ends
 
     def solve_for(self, name, target):
         point, found = self._sought(name, target, self.settled)
@@ -285,7 +363,7 @@ class PathScene(Scene):
         finer = -(-BRANCH_POINTS // (n - 1))
 
         def along(u):
-            return _measured(self, u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
+            return _measured(self.searched(), u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
 
         def follow_it(step, _):
             points, trusted = trace(along, begun, step, finer * (n - 1) + 1)
@@ -367,11 +445,19 @@ def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Any) 
     return scene.measured(unknowns, share, pressure)
 
 
+def measured_at(scene: PathScene, unknowns: Vector, share: Scalar, drive: Any) -> Vector:
+    """The equations alone at a share of the loads and what drives the chambers there."""
+    return _measured(scene, unknowns, share, drive)[0]
+
+
 def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
     """The goal of a search for a place on the path."""
     return u[-1] - place
 
 
+AT_THE_EDGE = 1e-5
+"""A path that ends is at the edge of the model where no more than this part is left of what a part can hold: its last
+steps are SMALLEST_STEP, 1e-7, long."""
 BRANCH_LENGTH = 50.0
 """Arc length of a drawn branch in scaled units at most: through the fold and down to where the finger curls up."""
 BRANCH_POINTS = 100

@@ -39,9 +39,13 @@ class Reason(enum.IntEnum):
     VALUE_PASSED = 12
     TIPS_APART = 13
     LOADS_AND_PRESSURE_NOT_HELD = 14
-    CELL_LAW_ENDS = 15
+    CURLED_UP = 15
+    INCLINED_WALL = 16
+    SECTION_FULL = 17
+    CELL_LAW_ENDS = 18
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
+    ANOTHER_BRANCH = 22
     FIELD_RULE = 30
     PARTS_DO_NOT_FIT = 31
     PRESSURE_RULE = 32
@@ -150,6 +154,21 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "nothing is known: the cell law of the finger ends at {}",
         "nothing is known: the pressure is beyond the end of the finger's cell law",
     ),
+    Reason.CURLED_UP: (
+        "pressure",
+        "no equilibrium that a finger could have: it has curled up by two full turns at {}, where the model ends",
+        "no equilibrium that a finger could have: it would have curled up by more than two full turns",
+    ),
+    Reason.INCLINED_WALL: (
+        "pressure",
+        "no equilibrium: where the finger bends most the inclined walls of its chambers hold no more than {}",
+        "no equilibrium: the inclined walls of the chambers hold no more where the finger bends most",
+    ),
+    Reason.SECTION_FULL: (
+        "pressure",
+        "no equilibrium: the cover carries no larger moment than that of the chambers at {}",
+        "no equilibrium: the chambers' moment is larger than any that the cover carries",
+    ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (
         "",
@@ -160,6 +179,12 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "",
         "",
         "the points along the beam are too few to tell its shape; the values are withheld: give more points",
+    ),
+    Reason.ANOTHER_BRANCH: (
+        "",
+        "",
+        "the equations are solved, but by a state that is not on the branch connected to zero load; the values are "
+        "withheld",
     ),
     Reason.FIELD_RULE: ("", "", "a dimension breaks its own rule, or is not a number"),
     Reason.PARTS_DO_NOT_FIT: ("", "", "the scene cannot exist: its parts do not fit together"),

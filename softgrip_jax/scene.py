@@ -12,12 +12,13 @@ import abc
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, batched_field, require, rule_names
+from .checked import Checked, admissible, batched_field, require, rule_names, to_float_array
 from .errors import InputError
 from .numerics.roots import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
@@ -68,8 +69,30 @@ GENERAL = {
 """The reason of a status about which nothing more is known."""
 
 
+class Solver(eqx.Module):
+    """How the equilibrium at a pressure is found: values only, derivatives are attached to what is found.
+
+    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules.
+    """
+
+    @abc.abstractmethod
+    def find(self, scene: Any, pressure: Scalar, guess: Array | None) -> Found:
+        """The equilibrium of a scene at a pressure, from a guess of its unknowns where one is given."""
+
+    def suits(self, scene: Scene) -> bool:
+        """Whether this solver can be used for a scene."""
+        return type(self).__name__ in scene.SOLVERS
+
+    def takes_guess(self) -> bool:
+        """Whether the search begins from a guess."""
+        return False
+
+
 class Scene(Checked):
     """An actuator and what surrounds it. Subclasses say how to find an equilibrium and which equations it solves."""
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ()
+    """Names of the solvers (`sg.solvers`) that may be used in place of `find`; the first does what `find` does."""
 
     OBSERVABLES: ClassVar[dict[str, str]] = {}
     """Observable -> kind of quantity (a key of units.DISPLAY)."""
@@ -93,6 +116,10 @@ class Scene(Checked):
         """(`residual`, `observe`), for scenes that have both from one computation."""
         return self.residual(unknowns, pressure), self.observe(unknowns, pressure)
 
+    def searched(self) -> Any:
+        """The scene as searches use it, which ask for values and forward derivatives of first order alone."""
+        return self
+
     @abc.abstractmethod
     def onset(self) -> Scalar:
         """The pressure (Pa) at which something is first touched, or pressure begins to act; with its derivatives."""
@@ -112,6 +139,10 @@ class Scene(Checked):
     @abc.abstractmethod
     def branch(self, n: int) -> Solution:
         """n points of the equilibrium curve, through its limit point."""
+
+    def unknown_shape(self) -> tuple[int, ...]:
+        """The shape of the unknowns: () where there is one."""
+        return ()
 
     def along(self, pressures: Float[Array, " n"]) -> Solution:
         """The solutions at several pressures."""
@@ -152,7 +183,7 @@ class Scene(Checked):
     def settled(self, found: Found) -> Found:
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
         found = frozen(found)
-        seen = found.seen or frozen(self).evaluated(found.unknowns, found.pressure)
+        seen = found.seen or frozen(self).searched().evaluated(found.unknowns, found.pressure)
         own = jnp.max(jnp.abs(jnp.atleast_1d(seen[0])))
         # Rounding leaves a residual in proportion to the unknowns.
         own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns))) / (1 + found.rounding)
@@ -256,6 +287,12 @@ def _solve(scene: Scene, pressure: Scalar) -> Solution:
 
 
 @jax.jit
+def _solve_by(scene: Scene, pressure: Scalar, solver: Solver, guess: Array | None) -> Solution:
+    fixed, at, near = frozen((scene, pressure, guess))
+    return scene._solution(solver.find(fixed, at, near)._replace(pressure=pressure))
+
+
+@jax.jit
 def _contact_pressure(scene: Scene) -> Scalar:
     possible = scene.can_exist()
     return jnp.where(possible, gate(possible, scene).onset(), jnp.nan)
@@ -276,17 +313,47 @@ def _branch(scene: Scene, n: int) -> Solution:
     return scene.branch(n)
 
 
-def solve(scene: Scene, pressure: Any) -> Solution:
+def solve(scene: Scene, pressure: Any, *, solver: Any = None, guess: Any = None) -> Solution:
     """The equilibrium of a scene at a pressure.
 
     Args:
         scene: what to solve; any float leaf of it may be traced or batched by vmap.
         pressure: gauge pressure in the actuator, Pa, zero or more.
+        solver: one of `sg.solvers`; by default the one that is sure to find the branch connected to zero load.
+        guess: for solvers that begin from one: the Solution of a scene nearby, or its unknowns.
 
     Returns: a Solution. A scene without equilibrium is not an error: see `Solution.status`.
-    Raises: ValueError for a pressure that cannot be meant (outside jit); RuntimeError where float64 is off.
+    Raises: ValueError for a pressure that cannot be meant (outside jit), and for a solver that the scene cannot use;
+        RuntimeError where float64 is off.
     """
-    return _solve(*to_solve(scene, pressure))
+    if solver is None and guess is None:
+        return _solve(*to_solve(scene, pressure))
+    scene, pressure = to_solve(scene, pressure)
+    return _solve_by(scene, pressure, *_chosen(scene, solver, guess))
+
+
+def _chosen(scene: Scene, solver: Any, guess: Any) -> tuple[Solver, Array | None]:
+    """A solver and the unknowns that it begins from, or one sentence about what is wrong."""
+    if solver is None:
+        raise InputError("guess is for a solver that begins from one; give solver=sg.solvers.Newton(), too.")
+    if not isinstance(solver, Solver):
+        raise InputError(f"solver is {solver!r}; it must be one of sg.solvers, for instance sg.solvers.Newton().")
+    if not solver.suits(scene):
+        can = " or ".join(scene.SOLVERS) or "its own method alone: leave solver out"
+        raise InputError(f"{type(scene).__name__} cannot be solved by {type(solver).__name__}; it can by {can}.")
+    if guess is None:
+        return solver, None
+    if not solver.takes_guess():
+        raise InputError(f"{type(solver).__name__} begins at zero load and takes no guess; sg.solvers.Newton() does.")
+    given = guess.unknowns if isinstance(guess, Solution) else to_float_array(guess)
+    wanted = scene.unknown_shape()
+    if not isinstance(given, jax.Array) or given.shape != wanted:
+        shape = f"has unknowns of the shape {given.shape}" if isinstance(given, jax.Array) else f"is {guess!r}"
+        raise InputError(
+            f"guess {shape}, and the unknowns of this {type(scene).__name__} have the shape {wanted}; it must be a "
+            "Solution of a scene of the same kind, or its unknowns."
+        )
+    return solver, given
 
 
 def to_solve(scene: Scene, pressure: Any) -> tuple[Scene, Scalar]:

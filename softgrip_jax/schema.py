@@ -99,6 +99,10 @@ def _field(key: configs.Key, defs: dict[str, Any]) -> dict[str, Any]:
         return {"anyOf": [_number("positive", "number"), _place((Friction,), defs)]}
     if "allowed" in meta:
         return {"enum": list(meta["allowed"])}
+    if "methods" in meta:
+        names = {"enum": list(meta["methods"])}
+        table = {"type": "object", "properties": {"type": names}, "additionalProperties": {"type": "number"}}
+        return {"anyOf": [names, table | {"required": ["type"]}]}
     if "names" in meta:
         return {"type": "array", "items": {"enum": list(meta["names"])}}
     if "rule" in meta:

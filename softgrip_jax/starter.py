@@ -202,6 +202,8 @@ def _words(key: configs.Key, doc: str) -> str:
         rule = "one of " + ", ".join(f'"{name}"' for name in meta["allowed"])
     elif meta.get("friction"):
         rule = "a positive number, or a table with force_N and coefficient"
+    elif "methods" in meta:
+        rule = "one of " + ", ".join(f'"{name}"' for name in meta["methods"])
     elif "names" in meta:
         rule = "names of rules that designs may break"
     elif "rule" in meta:
@@ -226,6 +228,8 @@ def _written(key: configs.Key, value: Any) -> str:
         if value is None:
             value = np.zeros(meta["size"]) if "size" in meta else 0.0
         return _decimals(np.asarray(value) / DISPLAY[meta.get("kind", "number")][1])
+    if "methods" in meta:
+        return f'"{meta["methods"][0] if value is None else type(value).__name__.lower()}"'
     return (
         {True: "true", False: "false"}.get(value, "")
         if isinstance(value, bool)

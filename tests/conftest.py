@@ -21,12 +21,66 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 gc.set_threshold(1_000_000)
 if jaxlib_version < (0, 11):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+# LLVM's optimisation is much of that time, and saves a program that runs a few times nothing; the commands do without
+# it, too. `make test-all` and `make check` go through the optimised programs.
+unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
+jax.config.update("jax_disable_most_optimizations", unoptimised)
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.3)
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# Commands that tests run as processes of their own share it.
+os.environ["JAX_COMPILATION_CACHE_DIR"] = str(ROOT / ".pytest_cache" / "jax")
+
+
+LONGEST = [
+    "docs",
+    "energy",
+    "search",
+    "beam",
+    "study",
+    "run",
+    "rules",
+    "connected",
+    "limits",
+    "calibrate",
+    "objectives",
+    "chamber",
+    "plots",
+    "finger_derivatives",
+    "finger_values",
+    "finger_properties",
+    "derivatives",
+    "fidelity",
+    "section",
+    "shell_scipy",
+    "starter",
+    "batch",
+    "pareto",
+    "sensitivity",
+    "finger_reasons",
+    "reproduce",
+    "hard_cases",
+    "readme",
+]
+"""Modules that take more than some twenty seconds of a processor, the longest first."""
+
+
+def pytest_collection_modifyitems(items):
+    """A worker that takes the longest module last would work on alone."""
+    place = {f"test_{name}": k for k, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+
+
+MAPPINGS, PAGES = 30_000, 2 * 2**30 // os.sysconf("SC_PAGE_SIZE")
+"""A program takes some twenty memory mappings, of which Linux gives a process 65,530: then compiling crashes. And a
+worker should do with 4 GB."""
 
 
 @pytest.fixture(autouse=True, scope="module")
 def programs_are_let_go():
-    """A program takes some twenty memory mappings, of which Linux gives a process 65,530: then compiling crashes."""
+    """Those of a module may serve the next one; where they have become many, all are let go."""
     yield
-    jax.clear_caches()
+    maps, size = Path("/proc/self/maps"), Path("/proc/self/statm")
+    few = maps.exists() and maps.read_bytes().count(b"\n") < MAPPINGS
+    if not few or int(size.read_text().split()[1]) > PAGES:
+        jax.clear_caches()
+        gc.collect()

@@ -168,8 +168,10 @@ def approach(load, p, touch, begins=None, points=400):
         locks = np.isnan(np.take_along_axis(pressure, np.minimum(stop, points - 1)[None], 0)[0])
         limit = np.where(locks, np.inf, limit)
         if begins is not None:
-            peak = np.take_along_axis(angle, top[None], 0)[0]
-            return (touch <= peak) & (begins <= limit), limit
+            # The maximum is in one of the two cells around the highest sample: on which side the slope tells.
+            after = np.take_along_axis(angle, np.minimum(top + 1, points - 1)[None], 0)[0]
+            rises = load(touch, p)[0] > load(touch * (1 - 1e-6), p)[0]
+            return (touch <= after) & rises & (begins <= limit), limit
         # It rises all the way to where it touches, in the last cell too.
         rises = load(end, p)[0] > load(end * (1 - 1e-6), p)[0]
     return (stop >= points) & rises & np.isfinite(touch), limit

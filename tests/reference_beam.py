@@ -85,9 +85,13 @@ def end_moment(f, p, th_s=0.0):
     return force * (f["H"] / 2 + a - rho) * c * np.sqrt(2 * f["h_x"] / (2 * f["h_x"] + f["h_L"]))
 
 
-def wall_limit(f):
-    """The pressure at which the model of parallel walls ends: (4.30) at theta_m2 = pi."""
-    return 4 * f["mu"] * f["t_m"] / f["h_x"] * (1 - (1 + np.pi * f["h_x"] / (2 * f["a"])) ** -6)
+def wall_limit(f, th_s=0.0):
+    """The pressure at which the model of the walls ends: (4.30) at theta_m2 = pi."""
+    s, c, a, rho = np.sin(th_s), np.cos(th_s), f["a"], 0.0
+    if th_s > 0:
+        rho = a * th_s / brentq(lambda x: (1 - c * np.cos(x)) / np.sin(x) - s - f["h_x"] / a, th_s, 3.14, xtol=1e-15)
+    d = f["h_x"] + 2 * a * s
+    return 4 * f["mu"] * f["t_m"] / d * (1 - (c + np.pi * d / (2 * (a + rho))) ** -6)
 
 
 def pressure_of(f, moment):

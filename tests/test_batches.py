@@ -31,7 +31,7 @@ def grid():
         return sg.solve(sg.shell.FlatContact(shell, distance=5 * mm), pressure)
 
     rows = jax.vmap(jax.vmap(solved, in_axes=(None, 0)), in_axes=(0, None))
-    return rows(jnp.array([14, 16]) * mm, jnp.array([5, 10, 15]) * kPa)
+    return jax.jit(rows)(jnp.array([14, 16]) * mm, jnp.array([5, 10, 15]) * kPa)
 
 
 def assert_same(one, other):
@@ -110,8 +110,8 @@ def test_derivatives_pass_through_an_index():
     def force(scene):
         return sg.path(scene, jnp.array([10, 15]) * kPa)[1].force
 
-    whole = jax.grad(lambda scene: sg.solve(scene, 15 * kPa).force)(PLANE)
-    part = jax.grad(force)(PLANE)
+    whole = jax.jit(jax.grad(lambda scene: sg.solve(scene, 15 * kPa).force))(PLANE)
+    part = jax.jit(jax.grad(force))(PLANE)
     jax.tree.map(lambda one, other: np.testing.assert_allclose(one, other, rtol=1e-10), part, whole)
 
 

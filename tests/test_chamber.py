@@ -86,18 +86,24 @@ def test_model_ends_at_the_half_circle():
 FIELDS = ["a", "b", "h_x", "t_m", "h_L", "H"]
 
 
+def by_numbers(x):
+    """The end moment (N mm) by the fields of the finger, its shear modulus, the pressure and the inclination."""
+    finger = dataclasses.replace(A, **dict(zip(FIELDS, x[:6], strict=True)), material=sg.NeoHookean(x[6]))
+    return end_moment(finger, x[7], x[8]) / N_mm
+
+
+value, gradient, forward_gradient, hessian = (
+    jax.jit(of) for of in (by_numbers, jax.grad(by_numbers), jax.jacfwd(by_numbers), jax.hessian(by_numbers))
+)
+
+
 @pytest.mark.parametrize("inclination", [0.0, 0.05])
 def test_derivatives_are_those_of_finite_differences(inclination):
-    def of(x):
-        finger = dataclasses.replace(A, **dict(zip(FIELDS, x[:6], strict=True)), material=sg.NeoHookean(x[6]))
-        return end_moment(finger, x[7], x[8]) / N_mm
-
     x = jnp.array([*(getattr(A, name) for name in FIELDS), 136e3, 31e3, inclination])
     size = np.array([*np.asarray(x[:8]), 0.1])
-    value = jax.jit(of)
-    forward, reverse = jax.jit(jax.jacfwd(of))(x), jax.jit(jax.grad(of))(x)
+    forward, reverse = forward_gradient(x), gradient(x)
     np.testing.assert_allclose(forward, reverse, rtol=1e-10, atol=1e-12)
-    second = jax.jit(jax.hessian(of))(x)
+    second = hessian(x)
     for i in range(9):
         if i == 8 and inclination == 0:
             continue  # theta_s < 0 is another formula: one-sided there, see below
@@ -106,7 +112,7 @@ def test_derivatives_are_those_of_finite_differences(inclination):
         np.testing.assert_allclose(
             forward[i] * size[i], (value(x + step) - value(x - step)) / 2e-5, rtol=2e-6, atol=1e-8
         )
-        change = (jax.grad(of)(x + step) - jax.grad(of)(x - step)) / 2e-5
+        change = (gradient(x + step) - gradient(x - step)) / 2e-5
         np.testing.assert_allclose(second[i] * size[i] * size, change * size, rtol=1e-4, atol=1e-6)
 
 
@@ -137,7 +143,7 @@ def test_chambers_without_a_gap():
     # h_x = 0, theta_s = 0: p a = 12 mu t (th - sin th) / 2 ... from (4.28), (4.30) to first order in d; lambda = 1,
     # c_1 = c_2 = a, so F_p = pi p a b.
     np.testing.assert_allclose(force(0.0), np.pi * 31e3 * 5e-3 * 8e-3, rtol=1e-12)
-    slope = jax.grad(force)(0.0)
+    slope = jax.jit(jax.grad(force))(0.0)
     np.testing.assert_allclose(slope, (force(2e-8) - force(0.0)) / 2e-8, rtol=1e-4)
     gapless = dataclasses.replace(A, h_x=0.0)
     assert moment(gapless, 31 * kPa, 0.0) == 0
@@ -208,14 +214,18 @@ def test_nonuniform_finger_is_a_batch_of_chambers():
         PneuNet.table_5_1("E")
 
 
+moments_of = jax.jit(jax.vmap(end_moment, (None, 0, None)))
+moments_pressure = jax.jit(jax.vmap(pressure_of_moment, (None, 0)))
+
+
 @pytest.mark.parametrize("gap", [0.0, 0.05, 0.9, 5.0])
 def test_the_pressure_of_a_moment(gap):
     """The inverse of `end_moment`, from where the walls touch to the end of their model, and more than that beyond."""
     finger = dataclasses.replace(A, h_x=jnp.asarray(gap * mm))
     begin, end = contact_pressure(finger), wall_limit(finger)
     pressures = begin + (end - begin) * jnp.asarray([1e-6, 1e-3, 0.1, 0.5, 0.9, 0.999])
-    moments = jax.vmap(moment, (None, 0, None))(finger, pressures, 0.0)
-    inverse = jax.jit(jax.vmap(pressure_of_moment, (None, 0)))
+    moments = moments_of(finger, pressures, 0.0)
+    inverse = moments_pressure
     if gap == 0:  # a gap without a length has no room for a moment
         assert np.all(moments == 0)
         assert inverse(finger, jnp.ones(1)) == np.inf

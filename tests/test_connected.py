@@ -184,7 +184,7 @@ def test_pressure_for_finds_every_force_that_solve_reports(make):
             jnp.stack([by_force.pressure, by_force_z.pressure]) / state.pressure,
         )
 
-    every = jax.vmap(jax.vmap(one, (None, 0)), (0, None))(designs, shares)
+    every = jax.jit(jax.vmap(jax.vmap(one, (None, 0)), (0, None)))(designs, shares)
     assert np.all(np.asarray(every[0]) == OK)
     assert np.all(np.asarray(every[1]) == OK)
     assert np.all(np.asarray(every[2]) == OK)
@@ -214,3 +214,45 @@ def test_a_pressure_that_cannot_be_meant_is_named_before_any_limit():
     seen = jax.jit(jax.vmap(sg.solve, (None, 0)))(sg.shell.Free(shell()), jnp.array([jnp.inf, jnp.nan, -1.0, 30 * kPa]))
     named = [sg.Reason.PRESSURE_RULE] * 3 + [sg.Reason.LIMIT_POINT]
     assert [sg.Reason(int(reason)) for reason in seen.reason] == named
+
+
+SNAPS = {"a": 8.505e-3, "b": 57.05e-3, "t_m": 0.7222e-3, "gap": 13.38e-3, "radius": 2.365e-3} | {
+    "material": {"kind": ref.OGDEN, "mu": [1.2746e6, 7.94e4], "alpha": [2.98916, -3.69656]}
+}
+
+
+def test_a_contact_that_begins_with_a_fall_ends_there():
+    """A strongly softening shell yields a little where it touches: under pressure it snaps, and no force is reached."""
+    numbers = {k: v * 1e3 for k, v in SNAPS.items() if k != "material"}
+    touch = 2 * np.arctan(SNAPS["gap"] / SNAPS["a"])
+    begins = float(ref.free(touch, SNAPS)[0])
+    after = np.asarray(ref.cylinder(touch + np.array([0.0, 1e-5, 1e-4, 1e-2]), SNAPS)[0])
+    assert after[0] == pytest.approx(begins, rel=1e-9)
+    assert after[2] < after[1] < after[0] < after[3]  # a dip, and then it rises far above
+    material = sg.Ogden(mu=SNAPS["material"]["mu"], alpha=SNAPS["material"]["alpha"])
+    made = sg.FlatShell(*(numbers[k] * mm for k in ("a", "b", "t_m")), material=material)
+    scene = sg.shell.CylinderContact(made, radius=SNAPS["radius"], gap=SNAPS["gap"])
+    assert float(sg.limit_pressure(scene)) == pytest.approx(begins, rel=1e-9)
+    assert float(sg.contact_pressure(scene)) == pytest.approx(begins, rel=1e-9)
+    assert [status_at(scene, begins * q) for q in (1 - 1e-6, 1 + 1e-6)] == [NO_CONTACT, BEYOND]
+    assert sg.Status(int(sg.pressure_for(scene, force=7e-3).status)) == BEYOND
+
+    def limit(thickness):
+        return sg.limit_pressure(sg.shell.CylinderContact(sg.FlatShell(made.a, made.b, thickness, material), *ROD_OF))
+
+    ROD_OF = (SNAPS["radius"], SNAPS["gap"])
+    assert float(jax.grad(limit)(made.t_m)) == pytest.approx(slope(limit, made.t_m), rel=1e-7)
+
+
+def test_states_next_to_a_closed_arc_converge():
+    """A little above alpha = 3 the pressure grows like a power of the stretch: Newton's steps are no measure there."""
+    material = sg.Ogden(mu=[42128.9, -44321.6], alpha=[3.25423, -0.80704])
+    scene = sg.shell.Free(sg.FlatShell(a=2.2785 * mm, b=9.3434 * mm, t_m=0.77882 * mm, material=material))
+    limit = float(sg.limit_pressure(scene))
+    found = sg.path(scene, limit * np.array([0.1, 0.9, 1 - 1e-3, 1 - 1e-6, 1 + 1e-6]))
+    np.testing.assert_array_equal(found.status, [OK, OK, OK, OK, BEYOND])
+    numbers = {"a": 2.2785e-3, "b": 9.3434e-3, "t_m": 0.77882e-3} | {
+        "material": {"kind": ref.OGDEN, "mu": [42128.9, -44321.6], "alpha": [3.25423, -0.80704]}
+    }
+    back = ref.free(np.asarray(found.clamp_angle)[:1], numbers)[0]
+    np.testing.assert_allclose(back, 0.1 * limit, rtol=1e-6)

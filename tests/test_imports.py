@@ -28,6 +28,7 @@ ORDER = [
     "curve_scene",
     "spans",
     "path_scene",
+    "solvers",
     "leaves",
     "quantities",
     "objects",

@@ -337,7 +337,7 @@ def test_a_branch_ends_at_a_sensible_size(material):
     scene = sg.shell.Free(dataclasses.replace(shell(), material=law))
     curve = sg.branch(scene, 80)
     angles = np.linspace(1e-3, 2 * np.arctan(10), 20001)
-    load = np.asarray(jax.vmap(scene.load)(angles))
+    load = np.asarray(jax.jit(jax.vmap(scene.load))(angles))
     falls = np.flatnonzero(np.diff(load) < 0)
     top = falls[0] if falls.size else 0
     limit, behind = load[top], load[top + 1 :]
@@ -489,6 +489,7 @@ def test_a_wall_that_does_not_fit_is_drawn_and_named():
 
 
 LEANS = (0.0, 0.02, 0.12, 0.3, -0.05)
+leaning_chambers = jax.jit(jax.vmap(sg.pneunet.chamber, (None, None, 0)))
 
 
 @pytest.mark.parametrize("pressure", [1.0, 2.0, 12.0, 31.0])
@@ -498,7 +499,7 @@ def test_drawn_walls_are_those_of_the_wall_model(pressure):
     finger, p = sg.PneuNet.table_5_1("A"), pressure * kPa
     fields = {name: np.full(len(LEANS), float(getattr(finger, name))) for name in SEGMENT_FIELDS}
     drawn = walls.walls_at(finger, np.array(LEANS), p, fields)
-    model = jax.vmap(lambda lean: sg.pneunet.chamber(finger, p, lean))(jnp.array(LEANS))
+    model = leaning_chambers(finger, p, jnp.array(LEANS))
     touches = np.asarray(model.status) == sg.Status.OK
     np.testing.assert_array_equal(drawn.touches, touches)
     np.testing.assert_allclose(drawn.angle[touches], np.asarray(model.clamp_angle)[touches], rtol=1e-4)

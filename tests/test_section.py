@@ -1,5 +1,7 @@
 """Section laws of the cover: closed forms, finite elements, the failure of the printed law, and every derivative."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -54,12 +56,12 @@ FINITE_ELEMENTS = np.array([
 
 def test_exact_law_meets_finite_elements_in_pure_bending():
     moment, z, stretch = FINITE_ELEMENTS.T
-    curvature, found = jax.vmap(lambda M: curvature_and_stretch("exact", A, M, 0.0))(moment * N_mm)
+    curvature, found = jax.jit(jax.vmap(lambda M: curvature_and_stretch("exact", A, M, 0.0)))(moment * N_mm)
     # Up to H theta' = 0.57 within 0.2 %, beyond (17 N mm, far above any fold of the finger) within 0.35 %.
     np.testing.assert_allclose(curvature[:4] * 5e-3, z[:4], rtol=2e-3)
     np.testing.assert_allclose(curvature * 5e-3, z, rtol=3.5e-3)
     np.testing.assert_allclose(found, stretch, rtol=2e-3)
-    back, tension = jax.vmap(lambda k, s: moment_and_tension("exact", A, k, s))(curvature, found)
+    back, tension = jax.jit(jax.vmap(lambda k, s: moment_and_tension("exact", A, k, s)))(curvature, found)
     np.testing.assert_allclose(back, moment * N_mm, rtol=1e-12)
     assert np.max(np.abs(tension)) < 1e-12 * 136e3 * 20e-3 * 5e-3
     # The printed law softens too fast: 19 % off at 0.344.
@@ -93,7 +95,7 @@ def test_bending_factor_is_smooth_where_its_formula_changes():
     w = np.array([1e-12, 1e-3, 0.1, 0.159999999, 0.160000001, 0.5, 0.99])
     # k(w) = sum (j+1)/(2j+3) w^j, summed until nothing is added.
     series = [sum((j + 1) / (2 * j + 3) * x**j for j in range(8000)) for x in w]
-    found = jax.vmap(bending_factor)(jnp.asarray(w), jnp.asarray(1 - w))
+    found = jax.jit(jax.vmap(bending_factor))(jnp.asarray(w), jnp.asarray(1 - w))
     np.testing.assert_allclose(found, series, rtol=2e-14)
 
 
@@ -104,7 +106,7 @@ def test_quadrature_law_is_the_closed_form_for_neo_hookean():
     z, stretch = state["exact"](m, n)
     for found, expected in zip(loads["quadrature"](z, stretch), loads["exact"](z, stretch), strict=True):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
-    energies = [jax.vmap(law.energy)(z, stretch) for law in (QUADRATURE, EXACT)]
+    energies = [jax.jit(jax.vmap(law.energy))(z, stretch) for law in (QUADRATURE, EXACT)]
     np.testing.assert_allclose(energies[0], energies[1], rtol=0, atol=1e-12)
 
 
@@ -169,11 +171,11 @@ def test_exact_laws_derive_from_an_energy_and_the_printed_one_does_not(name):
     z, stretch = jnp.asarray(0.3), jnp.asarray(1.04)
 
     def asymmetry(law):
-        (_, m_l), (n_z, _) = jax.jacfwd(law.loads, argnums=(0, 1))(z, stretch)
+        (_, m_l), (n_z, _) = jax.jit(jax.jacfwd(law.loads, argnums=(0, 1)))(z, stretch)
         return float(jnp.abs(m_l - n_z))
 
     assert asymmetry(LAWS[name]) < 1e-12
-    gradient = jax.grad(LAWS[name].energy, argnums=(0, 1))(z, stretch)
+    gradient = jax.jit(jax.grad(LAWS[name].energy, argnums=(0, 1)))(z, stretch)
     np.testing.assert_allclose(gradient, LAWS[name].loads(z, stretch), rtol=1e-11)
     assert asymmetry(THESIS) > 0.05
 
@@ -186,17 +188,23 @@ def test_laws_are_odd_in_moment(name):
     np.testing.assert_allclose(stretch, stretch_back, rtol=1e-14)
 
 
-@pytest.mark.parametrize("name", LAWS)
-@pytest.mark.parametrize(("m", "n"), [(0.0, 0.0), (0.08, 0.03), (-0.13, -0.05)])
-def test_derivatives_of_the_state(name, m, n):
+@cache
+def state_and_derivatives(name):
+    """Compiled: the state of a law by (m, n), its slopes in both modes, its second derivatives."""
+
     def of(x):
         return jnp.stack(LAWS[name](x[0], x[1]))
 
+    return [jax.jit(f) for f in (of, jax.jacfwd(of), jax.jacrev(of), jax.hessian(of))]
+
+
+@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize(("m", "n"), [(0.0, 0.0), (0.08, 0.03), (-0.13, -0.05)])
+def test_derivatives_of_the_state(name, m, n):
+    value, slope, reverse_slope, curvature = state_and_derivatives(name)
     x, h = jnp.array([m, n]), 1e-5
-    forward, reverse, second = (jax.jit(f(of))(x) for f in (jax.jacfwd, jax.jacrev, jax.hessian))
+    forward, reverse, second = slope(x), reverse_slope(x), curvature(x)
     np.testing.assert_allclose(forward, reverse, rtol=1e-11, atol=1e-11)
-    slope = jax.jit(jax.jacfwd(of))
-    value = jax.jit(of)
     for i in range(2):
         step = h * jnp.eye(2)[i]
         np.testing.assert_allclose(forward[:, i], (value(x + step) - value(x - step)) / (2 * h), rtol=1e-6, atol=1e-8)
@@ -210,8 +218,8 @@ def test_material_of_the_section_can_be_differentiated():
 
     value = jax.jit(curvature)
     expected = (value(5.1e3) - value(4.9e3)) / 200
-    np.testing.assert_allclose(jax.grad(curvature)(5e3), expected, rtol=1e-5)
-    np.testing.assert_allclose(jax.jacfwd(curvature)(5e3), expected, rtol=1e-5)
+    np.testing.assert_allclose(jax.jit(jax.grad(curvature))(5e3), expected, rtol=1e-5)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(curvature))(5e3), expected, rtol=1e-5)
 
 
 def test_lanes_without_a_state_leave_their_neighbours_alone():

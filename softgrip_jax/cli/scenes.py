@@ -124,8 +124,8 @@ def path(
 ) -> None:
     """Follow one scene through a range of pressures: a table, a picture, an animation.
 
-    Rows without equilibrium keep their place and say so in the column status. Exit code 1 where no row has a state.
-    Ctrl-C keeps the rows until then: they are printed and written as if the curve ended there.
+    Rows without equilibrium keep their place and say so in the columns status and reason. Exit code 1 where no row has
+    a state. Ctrl-C keeps the rows until then: they are printed and written as if the curve ended there.
 
     - softgrip path configs/shell_cylinder.toml --to-kPa 20 --csv curve.csv --plot curve.png
 
@@ -192,7 +192,7 @@ def path(
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
     if not good.any() and not stopped:
-        print("There is no state on this curve; the column status says why.", file=sys.stderr)
+        print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
         raise typer.Exit(NO_ANSWER)
     if plot is not None and good.any():
         from ..plots import curve_of
@@ -286,6 +286,7 @@ def table_of(curve: Solution) -> tuple[list[str], list[list[Any]]]:
     """(header, rows) of a curve; keys as in configs, empty cells where there is no state."""
     import numpy as np
 
+    from ..reasons import Reason
     from ..results import Status
     from ..units import DISPLAY, unit_key
 
@@ -298,7 +299,9 @@ def table_of(curve: Solution) -> tuple[list[str], list[list[Any]]]:
             columns[unit_key(name, kind)] = values
     cells = [[f"{v:.10g}" if np.isfinite(v) else "" for v in column] for column in columns.values()]
     status = [Status(int(s)).name for s in np.asarray(curve.status)]
-    return [*columns, "status"], [[*row, s] for *row, s in zip(*cells, status, strict=True)]
+    reason = [Reason(int(r)).name for r in np.asarray(curve.reason)]
+    rows = zip(*cells, status, reason, strict=True)
+    return [*columns, "status", "reason"], [list(row) for row in rows]
 
 
 def batch_as_data(curve: Solution) -> dict[str, Any]:

@@ -168,7 +168,7 @@ def minimise(
     start_load: Scalar,
     guess: tuple[Vector, Multipliers],
     load: Scalar,
-    largest_step: float,
+    largest_step: Scalar | float,
 ) -> Minimum:
     """Follow the minimum from (start, start_load) to `load`.
 

@@ -52,6 +52,8 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
+ROUNDED = 1e-13
+"""Moves below this are rounding alone: from a point of the path itself they are of one size from the first one on."""
 
 
 class Accuracy(NamedTuple):
@@ -61,6 +63,15 @@ class Accuracy(NamedTuple):
     """Newton's method ends where its next move would be below this."""
     left: Scalar | float
     """Or where a first correction leaves about this: itself times the turn of the tangent (its sine)."""
+
+
+class Steps(NamedTuple):
+    """How long the steps along a path may be, and how many."""
+
+    first: float = FIRST_STEP
+    largest: float = LARGEST_STEP
+    turn: float = TURN
+    most: int = MAX_STEPS
 
 
 FINE = Accuracy(1e-16, -1.0)
@@ -161,7 +172,7 @@ def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) ->
 
 
 def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
-    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move)
+    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
     return settled & jnp.isfinite(newton.last)
 
 
@@ -173,6 +184,7 @@ def _arrived(
     within: Bool[Array, ""] | bool,
     first: Bool[Array, ""] | bool = False,
     polishing: Bool[Array, ""] | bool = False,
+    turn: float = TURN,
 ) -> tuple[Point, Scalar, Bool[Array, ""], Scalar, Bool[Array, ""]]:
     """Where a Newton iteration is, how the goal rises along the path there, whether that can be trusted to be the
     path's next point once it has converged, about how far from there it was left by its first correction, and whether
@@ -190,7 +202,8 @@ def _arrived(
     correction = jnp.linalg.norm(newton.u - guess)
     near = correction <= DETOUR * jnp.linalg.norm(guess - before.u) + jnp.where(polishing, 3 * SLACK, SLACK)
     ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
-    trusted = jnp.where(first, ahead, (straight > jnp.where(polishing, POLISHED_TURN, TURN)) & (near | within))
+    least = jnp.where(polishing, min(POLISHED_TURN, turn), turn)
+    trusted = jnp.where(first, ahead, (straight > least) & (near | within))
     # Only the first correction tells: a Newton iteration that wanders may come back to its guess from far away.
     left = jnp.where(newton.count > 1, jnp.inf, correction * jnp.sqrt(jnp.maximum(1 - straight**2, 0.0)))
     return Point(newton.u, tangent, local.goal, side), rise, trusted & same_side, left, trusted & ~same_side
@@ -249,13 +262,15 @@ def follow(
     u: Vector,
     args: Any = None,
     first: Scalar | float = FIRST_STEP,
+    steps: Steps | None = None,
     is_there: Bool[Array, ""] | bool = False,
 ) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
-    equations: must take every traced value through u and args. first: the arc length to try first.
-    is_there: True where u is the goal itself, and nothing is to be done.
+    equations: must take every traced value through u and args. first: the arc length to try first. steps: of all the
+    others. is_there: True where u is the goal itself, and nothing is to be done.
     """
+    by = steps or Steps()
     traced = jax.jit(equations)  # once for all that follows
 
     def iterate(search: Search, context) -> Search:
@@ -267,7 +282,7 @@ def follow(
         first = (search.count == 0) & ~to_goal
         within = to_goal & ~_directly(search)
         new, rise, trusted, left, crossed = _arrived(
-            newton, local, search.before, search.guess, within, first, search.polishing
+            newton, local, search.before, search.guess, within, first, search.polishing, by.turn
         )
         roughly = stepping & ~search.polishing & ~search.careful & (jnp.abs(new.tangent[-1]) > STEEP)
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
@@ -278,22 +293,24 @@ def follow(
         going = _goes_on(newton, limit, accuracy)
         case, chosen = _first_of(
             (going, search),
-            *_after_step(search, new, rise, good, roughly, crossed & converged),
+            *_after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
             *_after_goal_trial(search, new, good),
             *_after_fold_trial(search, new, good),
         )
-        chosen = select((chosen.mode >= BIFURCATION) & ~search.careful, _begin(*start, careful=True), chosen)
+        again = (chosen.mode >= BIFURCATION) & ~search.careful
+        chosen = select(again, _begin(*start, careful=True), chosen)
         going = case == 0
-        guess = jnp.where(going, search.guess, _guess(chosen))
+        # The second try, too, begins where the path does, and not a step ahead on whatever branch is there.
+        guess = jnp.where(going | again, chosen.guess, _guess(chosen))
         return chosen._replace(
-            count=jnp.where(chosen.careful & ~search.careful, 0, search.count + ~going),
+            count=jnp.where(again, 0, search.count + ~going),
             guess=guess,
             newton=select(going, newton, _newton_from(guess)),
             iterations=search.iterations + 1,
         )
 
     def busy(search: Search) -> Bool[Array, ""]:
-        return (search.mode < REACHED) & (search.count < MAX_STEPS)
+        return (search.mode < REACHED) & (search.count < by.most)
 
     begin = _begin(u, first)
     begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
@@ -364,9 +381,10 @@ def _after_step(
     good: Bool[Array, ""],
     roughly: Bool[Array, ""],
     crossed: Bool[Array, ""],
+    largest: float,
 ) -> tuple[Case, ...]:
     stepping, first = search.mode == STEPPING, search.count == 0
-    shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, LARGEST_STEP)
+    shorter, longer = SHORTER * search.length, jnp.minimum(LONGER * search.length, largest)
     bend = jnp.where(first, 0.0, (new.tangent - search.before.tangent) / search.length)
     length = jnp.where(first, search.length, longer)
     # Where the goal seems to be within the next step, that step is to end there.

@@ -96,8 +96,8 @@ def newton_bracketed(
 
     Newton's method from `guess`, with bisection where a step leaves the bracket or does not halve the last one (Press
     et al., Numerical Recipes, 9.4): fewer and cheaper steps than `bracketed_root` where there is a good guess. An empty
-    bracket takes no step. It ends where a step is below sqrt(eps) of x, whose square is rounding. No derivatives pass
-    through: see `implicit`.
+    bracket takes no step. It ends where a step is below sqrt(eps) of x and the next one would be below eps of x, as the
+    last two steps tell. No derivatives pass through: see `implicit`.
     """
     low, high, guess = lax.stop_gradient((low, high, guess))
     function, constants = jax.closure_convert(function, high)
@@ -110,7 +110,10 @@ def newton_bracketed(
         above = f > 0
         low, high = jnp.where(above, low, x), jnp.where(above, x, high)
         move = f / slope
-        settled = jnp.abs(move) <= jnp.sqrt(eps) * jnp.abs(x)
+        # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything.
+        size = jnp.abs(move)
+        settled = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * last**2)
+        settled |= size <= eps * jnp.abs(x)
         good = (x - move > low) & (x - move < high) & (jnp.abs(move) <= 0.5 * last)
         middle = 0.5 * (low + high)
         new = jnp.where(settled, jnp.clip(x - move, low, high), jnp.where(good, x - move, middle))

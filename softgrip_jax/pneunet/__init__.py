@@ -1,6 +1,8 @@
 """The pneu-net finger: chambers, cover, and the scenes of a finger and of a gripper of n fingers."""
 
 from ..names import listing as _listing
+from .beam_method import Collocation as Collocation
+from .beam_method import Shooting as Shooting
 from .cell import Cell as Cell
 from .chamber import Chamber as Chamber
 from .chamber import SmallStrainChamber as SmallStrainChamber

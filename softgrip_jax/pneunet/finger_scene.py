@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..checked import choice, is_concrete, to_float_array
 from ..errors import CellRangeWarning, InputError
@@ -25,18 +25,19 @@ from ..numerics.queue import in_slots
 from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
+from ..scene import RESIDUAL_EPS, Found
 from ..spans import LATER, Span
 from .beam import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
+from .beam_method import POINTS, BeamMethod, Collocation, Shooting
 from .cell.law import LARGEST_PRESSURE, cell_section, outside
 from .chamber import end_moment, gap_share, pressure_of_moment, touching_angle, wall_limit, within
 from .finger import SEGMENT_FIELDS, PneuNet
 from .rules import chambers_apart, margins_of_parts
 from .section import section_law
+from .shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
 
 Scalar = Float[Array, ""]
 
-POINTS = 16
-"""Gauss points along a finger."""
 PART_POINTS = 3
 """At least so many in each of several parts: order 6."""
 SMOOTH_GROWTH = 4.0
@@ -49,6 +50,13 @@ EARLY = 1e-3
 """See Span.early: of fingers without loads, whose way begins with the pressure."""
 SLOWLY = 4.0
 """See MomentSpan: of fingers with other loads. The less, the sharper the path turns where the chambers begin."""
+GROWTH_PER_SEGMENT = 6.0
+"""Rounding at a segment's beginning is multiplied by e^6 = 400 on the way to its end: what is left is far below the
+tolerance of any steps."""
+PART_OF_TOLERANCE = 0.01
+"""Of the tolerance of adaptive steps: what may be left of the equations of shooting; rounding grows on the way."""
+SURE = 1e-3
+"""Of equal steps: what their error estimates may add up to, as much as ROUGH leaves of the tip force."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 
@@ -136,11 +144,12 @@ class Bent(NamedTuple):
 
     cover: Cover
     parts: Part
-    line: Line
+    line: Line | Arrived
+    """With all of its points by collocation; by shooting with the ends of its parts, see `FingerScene.seen`."""
     active: Array
     """The active moment of every part."""
     gaps: Array
-    """Mismatches of moments, over EI / L."""
+    """Mismatches of moments, over EI / L; by shooting of angles, too."""
     turned: Array
     """The turn of every part, positive where it bends as the chambers push."""
 
@@ -163,6 +172,9 @@ class FingerScene(PathScene):
     proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
     too heavy to be held without pressure may be held with it. Questions without a pressure of their own
     (`limit_pressure`, `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
+
+    beam: how the beam's equations are solved, `Collocation(points=...)` or `Shooting(...)`. points: Gauss points of the
+    collocation where no `beam` is given; both at once are a ValueError.
     """
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
@@ -174,12 +186,46 @@ class FingerScene(PathScene):
         section: str
         inclination: str
         points: int
+        beam: BeamMethod | None
+
+    def __check_init__(self) -> None:
+        if not isinstance(self.beam, BeamMethod | None):
+            raise InputError(
+                f"{type(self).__name__}.beam is {self.beam!r}; it must be sg.pneunet.Collocation(...) or "
+                "sg.pneunet.Shooting(...)."
+            )
+        if self.beam is not None and self.points != POINTS:
+            raise InputError(
+                f"{type(self).__name__}.points is {self.points} and its beam is {self.beam!r}; points is short for "
+                "beam=Collocation(points=...), so give one of them."
+            )
+
+        if isinstance(self.beam, Shooting) and self.is_cell():
+            raise InputError(
+                f'{type(self).__name__}.beam is {self.beam!r}; with drive = "cell" it must be sg.pneunet.Collocation(...).'
+            )
+
+    def method(self) -> Any:
+        """How the beam's equations are solved."""
+        return Collocation(self.points) if self.beam is None else self.beam
+
+    def with_method(self, method: BeamMethod) -> Any:
+        """The same scene solved in another way."""
+        if isinstance(method, Collocation):
+            return dataclasses.replace(self, beam=None, points=method.points)
+        return dataclasses.replace(self, beam=method, points=POINTS)
+
+    def searched(self):
+        method = self.method()
+        if not isinstance(method, Shooting) or method.searching:
+            return self
+        return self.with_method(dataclasses.replace(method, searching=True))
 
     drive: str = choice(*DRIVES, default="thesis", kw_only=True)
     moment_spread: str = choice(*SPREADS, default="root", kw_only=True)
 
     def prepared(self):
-        """With more points where loads that are known numbers bend the beam in thin layers."""
+        """With more points, or more segments, where loads that are known numbers bend the beam in thin layers."""
         self._warn_outside()
         if not is_concrete(*jax.tree.leaves(self)):
             return self
@@ -187,7 +233,11 @@ class FingerScene(PathScene):
             growth = np.sqrt(float(np.max(np.asarray(_tension(self)))))
         if not (np.isfinite(growth) and growth > SMOOTH_GROWTH):
             return self
-        return dataclasses.replace(self, points=max(self.points, POINTS + int(np.ceil(growth - SMOOTH_GROWTH))))
+        method = self.method()
+        if isinstance(method, Shooting):
+            needed = int(np.ceil(growth / GROWTH_PER_SEGMENT))
+            return self.with_method(dataclasses.replace(method, segments=max(method.segments, needed)))
+        return self.with_method(Collocation(max(method.points, POINTS + int(np.ceil(growth - SMOOTH_GROWTH)))))
 
     def is_cell(self) -> bool:
         """True where the cell law drives the finger, and is its section law, too."""
@@ -217,28 +267,81 @@ class FingerScene(PathScene):
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def beam(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment) -> Bent:
-        """The beam from its unknowns: the curvatures L theta' at all points, each times the root of its weight, so
-        that their norm is that of the curvature along the beam."""
+    def bend(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment) -> Bent:
+        """The beam from its unknowns. By collocation they are the curvatures L theta' at all points, each times the
+        root of its weight, so that their norm is that of the curvature along the beam; by shooting see
+        `shooting.segments_of`."""
+        method = self.method()
+        if isinstance(method, Shooting):
+            return self._shot(method, unknowns, held, share, pressure)
         parts, points = self.chambers()
         widths = parts.high - parts.low
-        curvature = self.curvatures(unknowns)
+        curvature = self._at_points(unknowns)
         cover, line = self.line(curvature, held, share, pressure)
         turned = -widths * (curvature @ points.weights)
-        if self.is_cell():  # the law of the section holds what the chambers do
-            active = jnp.zeros(len(widths))
-        elif isinstance(pressure, Moment):
-            active = -pressure.active + jnp.zeros(len(widths))
-        else:
-            # A part that bends backwards keeps parallel walls.
-            parallel = self.inclination == "none"
-            inclinations = jnp.zeros_like(turned) if parallel else jnp.maximum(parts.chamber.share * turned, 0.0)
-            active = -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
+        active = self._active(parts, turned, pressure)
         gaps = once(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
         return Bent(cover, parts, line, active, gaps, turned)
 
+    def _active(self, parts: Part, turned: Array, pressure: Scalar | Moment) -> Array:
+        """The active moments of parts that have turned so far, over mu B H^2."""
+        if self.is_cell():  # the law of the section holds what the chambers do
+            return jnp.zeros(len(turned))
+        if isinstance(pressure, Moment):
+            return -pressure.active + jnp.zeros(len(turned))
+        # A part that bends backwards keeps parallel walls.
+        parallel = self.inclination == "none"
+        inclinations = jnp.zeros_like(turned) if parallel else jnp.maximum(parts.chamber.share * turned, 0.0)
+        return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
+
+    def cover(self, held: Scalar | None, share: Scalar) -> Cover:
+        """What bends, and the loads on it."""
+        return Cover(self.finger.H / self.finger.L, self.law(), self.tip_loads(held, share))
+
+    def _cut(self, method: Shooting, unknowns: Array) -> tuple[Part, Points, Segments]:
+        parts, points = self.chambers()
+        coupled = self.inclination != "none"
+        own = unknowns[-unknown_count(method, len(parts.low), coupled) :]
+        return parts, points, segments_of(method, parts, self.clamp(), own, coupled)
+
+    def _shot(
+        self, method: Shooting, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+    ) -> Bent:
+        """`bend` by shooting."""
+        parts, _, segments = self._cut(method, unknowns)
+        parallel = segments.last is None
+        active = self._active(parts, jnp.zeros_like(parts.low) if parallel else segments.turned(), pressure)
+        cover = self.cover(held, share)
+        arrived = shoot(method, cover, segments, active)
+        turned = -jnp.diff(arrived.angles, prepend=self.clamp())
+        return Bent(cover, parts, arrived, active, arrived.missed, turned)
+
     def curvatures(self, unknowns: Array) -> Array:
-        """L theta' at the points of every part; they are the last of the unknowns."""
+        """L theta' at the points of every part, under all of the loads."""
+        method = self.method()
+        if not isinstance(method, Shooting):
+            return self._at_points(unknowns)
+        return self._look(method, unknowns)[0]
+
+    def _look(self, method: Shooting, unknowns: Array) -> tuple[Array, Scalar]:
+        """See `shooting.look`."""
+        _, points, segments = self._cut(method, unknowns)
+        return look(method, self.cover(self.held(unknowns), jnp.ones_like(self.finger.L)), segments, points)
+
+    def held(self, unknowns: Array) -> Scalar | None:
+        """The unknown force at a held tip."""
+        return None
+
+    def seen(self, unknowns: Array, pressure: Scalar) -> Bent:
+        """The beam under all of its loads, with all of its line."""
+        one = jnp.ones_like(pressure)
+        bent = self.bent(unknowns, one, pressure)
+        if isinstance(bent.line, Line):
+            return bent
+        return bent._replace(line=self.line(self.curvatures(unknowns), self.held(unknowns), one, pressure)[1])
+
+    def _at_points(self, unknowns: Array) -> Array:
+        """The curvatures of the collocation; they are the last of the unknowns."""
         parts, points = self.chambers()
         widths, count = parts.high - parts.low, len(points.places)
         unknowns = unknowns[-len(widths) * count :].reshape(-1, count)
@@ -249,11 +352,10 @@ class FingerScene(PathScene):
     ) -> tuple[Cover, Line]:
         """The beam with these curvatures under its loads; the pressure acts on it where the cell law is its law."""
         parts, points = self.chambers()
+        cover = self.cover(held, share)
         if self.is_cell():
             law = jax.vmap(lambda chamber: cell_section(self.with_chamber(chamber), pressure))(parts.chamber)
-        else:
-            law = self.law()
-        cover = Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, share))
+            cover = cover._replace(law=law)
         return cover, bend(cover, self.clamp(), parts, curvature, points)
 
     def margins_at_rest(self):
@@ -284,8 +386,11 @@ class FingerScene(PathScene):
         return section_law(self.section, self.finger.material)
 
     def straight(self) -> Array:
-        """The unknown curvatures of a finger without load."""
+        """The unknowns of the beam of a finger without load."""
         parts, points = self.chambers()
+        method = self.method()
+        if isinstance(method, Shooting):
+            return jnp.zeros(unknown_count(method, len(parts.low), self.inclination != "none"))
         return jnp.zeros(len(parts.low) * len(points.places))
 
     def chambers(self) -> tuple[Part, Points]:
@@ -293,7 +398,8 @@ class FingerScene(PathScene):
         finger = self.finger
         one = self.inclination == "none" or self.is_one_arc() or self.is_cell()
         count = finger.segments or (1 if one else INCLINATION_PARTS)
-        points = gauss_points(self.points if count == 1 else max(PART_POINTS, 1 - (-self.points // count)))
+        wanted = self.method().points
+        points = gauss_points(wanted if count == 1 else max(PART_POINTS, 1 - (-wanted // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]
         lengths = pitch / jnp.sum(pitch) if count > 1 else np.ones(1)
@@ -369,6 +475,30 @@ class FingerScene(PathScene):
             return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
         return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
+    def spent(self, unknowns, pressure):
+        """The pressure over what the walls hold where they are most inclined."""
+        if self.inclination == "none" or self.is_cell():
+            return {}
+        parts, _ = self.chambers()
+        inclinations = jnp.maximum(parts.chamber.share * self.turned(unknowns), 0.0)
+
+        def most(chamber, inclination):
+            wall = within(self.with_chamber(chamber), inclination)
+            if self.finger.material.closed_forms().has_rising_wall:
+                return wall.load(jnp.pi + jnp.zeros_like(inclination))
+            return wall_limit(wall.finger, inclination)
+
+        most_pressures = jax.vmap(most)(parts.chamber, inclinations)
+        return {Reason.INCLINED_WALL: jnp.max(pressure / most_pressures) - 1}
+
+    def turned(self, unknowns: Array) -> Array:
+        """The turn of every part, rad, positive where it bends as the chambers push."""
+        parts, points = self.chambers()
+        method = self.method()
+        if isinstance(method, Shooting) and self.inclination != "none":
+            return self._cut(method, unknowns)[2].turned()
+        return -(parts.high - parts.low) * (self.curvatures(unknowns) @ points.weights)
+
     def end_reason(self):
         if self.is_cell():
             return Reason.CELL_LAW_ENDS
@@ -398,17 +528,32 @@ class FingerScene(PathScene):
 
     def settled(self, found):
         """Not converged, too, where the curvatures vary by more between the points than the points can tell."""
-        found = super().settled(found)
-        unsure = (found.status == Status.OK) & (self.roughness(lax.stop_gradient(found.unknowns)) > ROUGH)
+        found = super().settled(self._with_rounding(found))
+        unsure = (found.status == Status.OK) & ~self.is_resolved(lax.stop_gradient(found.unknowns))
         return found._replace(
             status=jnp.where(unsure, Status.NOT_CONVERGED, found.status),
             reason=jnp.where(unsure, int(Reason.SHAPE_NOT_RESOLVED), found.reason),
         )
 
+    def _with_rounding(self, found: Found) -> Found:
+        """What is right to the tolerance of adaptive steps is solved where a small part of that is left."""
+        method = self.method()
+        if not isinstance(method, Shooting) or method.steps is not None:
+            return found
+        rounding = jnp.finfo(found.pressure.dtype).eps * RESIDUAL_EPS
+        return found._replace(rounding=jnp.maximum(found.rounding, PART_OF_TOLERANCE * method.rtol / rounding - 1))
+
+    def is_resolved(self, unknowns: Array) -> Bool[Array, ""]:
+        """False where the points, or the equal steps, along the beam are too few for its shape."""
+        method = self.method()
+        if not isinstance(method, Shooting):
+            return ~(self.roughness(unknowns) > ROUGH)
+        return jnp.asarray(True) if method.steps is None else self._look(method, unknowns)[1] < SURE
+
     def roughness(self, unknowns: Array) -> Scalar:
         """The last part of the curvatures' spectrum over all of it: an estimate of their error from above."""
         points = self.chambers()[1]
-        spectrum = jnp.abs(self.curvatures(unknowns) @ points.spectrum.T)
+        spectrum = jnp.abs(self._at_points(unknowns) @ points.spectrum.T)
         last = -max(1, len(points.places) // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
 
@@ -419,9 +564,10 @@ class FingerScene(PathScene):
     def shooting_error(self, unknowns: Array, pressure: Scalar, tolerance: float) -> Scalar:
         """See `shooting_error`."""
         whole = jnp.ones_like(pressure)
-        bent = self.bent(unknowns, whole, pressure)
+        bent = self.seen(unknowns, pressure)
+        assert isinstance(bent.line, Line)
         tip = self.held_at(bent.line.ends[0][-1], bent.line.angles[-1])
-        held = None if tip is None else unknowns[0]
+        held = self.held(unknowns)
 
         def cover_of(force):
             return bent.cover._replace(loads=self.tip_loads(force, whole))
@@ -448,10 +594,11 @@ class FingerScene(PathScene):
         }
 
     def beam_profile(self, bent: Bent, n: int) -> dict[str, Array]:
-        """X, x, y (m), theta (rad) and stretch at n places."""
-        points = self.chambers()[1]
+        """X, x, y (m), theta (rad) and stretch at n places; of a beam that is `seen`."""
+        points, line = self.chambers()[1], bent.line
+        assert isinstance(line, Line)
         s, length = jnp.linspace(0.0, 1.0, n), self.finger.L
-        x, y, theta, stretch = jax.vmap(lambda s: at_place(bent.line, bent.parts, self.clamp(), s, points))(s)
+        x, y, theta, stretch = jax.vmap(lambda s: at_place(line, bent.parts, self.clamp(), s, points))(s)
         return {"X": s * length, "x": x * length, "y": y * length, "theta": theta, "stretch": stretch}
 
 

@@ -18,8 +18,9 @@ from ..objects import Object, Taper, friction_force, required_normal_force
 from ..results import Status, gate
 from ..scene import frozen, solve
 from ..units import GRAVITY
+from .beam_method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import POINTS, Scalar, to_weight
+from .finger_scene import Scalar, to_weight
 from .rules import clear_of_clamp, line_inside, side_by_side
 from .scenes import INCLINATIONS, SECTIONS, HeldTip
 
@@ -77,7 +78,7 @@ class Grasp(HeldTip):
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
         weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
-        section, inclination, points, loading: as in TipContact.
+        section, inclination, points, beam, loading: as in TipContact.
 
     A tip presses or is free: where only a pull would keep it on the object, the grasp is NO_CONTACT and its force
     exactly zero. `contact_pressure` is where the tips begin to press, with the weight of the object on them; where they
@@ -109,6 +110,7 @@ class Grasp(HeldTip):
     section: str = choice(*SECTIONS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
+    beam: BeamMethod | None = beam_method()
 
     OBSERVABLES: ClassVar = {
         "tip_force": "force",

@@ -19,8 +19,9 @@ from ..reasons import Reason
 from ..results import Status
 from ..scene import Found
 from .beam import Loads
+from .beam_method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import POINTS, FingerScene, Scalar, to_weight
+from .finger_scene import FingerScene, Scalar, to_weight
 from .section import axial_stretch
 
 SECTIONS = ("exact", "thesis", "inextensible")
@@ -109,8 +110,11 @@ class HeldTip(FingerScene):
         scale = self.finger.force_scale()
         return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
 
+    def held(self, unknowns):
+        return unknowns[0]
+
     def bent(self, unknowns, share, pressure):
-        return self.beam(unknowns[1:], unknowns[0], share, pressure)
+        return self.bend(unknowns[1:], unknowns[0], share, pressure)
 
     def measured(self, unknowns, share, pressure):
         bent = self.bent(unknowns, share, pressure)
@@ -122,7 +126,7 @@ class HeldTip(FingerScene):
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
 
     def profile(self, unknowns, pressure, n):
-        return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
+        return self.beam_profile(self.seen(unknowns, pressure), n)
 
 
 MOST_STRETCH = 2.0
@@ -155,6 +159,7 @@ class TipContact(HeldTip):
         points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
             known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
             for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
+        beam: how the beam's equations are solved, Collocation(points=16) by default, or Shooting(...), see there.
 
     tip_force is Lambda: positive when the tip pushes towards -y, negative where what holds it pulls (hold = "both").
     """
@@ -167,6 +172,7 @@ class TipContact(HeldTip):
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
     hold: str = choice("both", "press", default="both", kw_only=True)
+    beam: BeamMethod | None = beam_method()
 
     OBSERVABLES = {"tip_force": "force", "tip": "position", "tip_angle": "angle", "end_moment": "moment"}
 
@@ -184,6 +190,9 @@ class TipContact(HeldTip):
         return self.tip_offset
 
 
+MOST_TURN = 4 * np.pi
+"""Between clamp and tip of a free finger, rad: two full turns. It would lie on itself; without this end the model of a
+finger with parallel walls has it roll up without end."""
 MATCHED = 1e-6
 """Moments (in EI/L) closer than this belong to a root, whose residual is then judged; others to no equilibrium."""
 
@@ -200,7 +209,7 @@ class Free(FingerScene):
         combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
         loading: "first" or "proportional", see `FingerScene`.
-        points: as in TipContact.
+        points, beam: as in TipContact.
 
     Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
     scalar root per part where the inclination couples.
@@ -214,6 +223,7 @@ class Free(FingerScene):
     inclination: str = choice(*INCLINATIONS, default="segment")
     combination: str = choice("sum", "larger", default="sum")
     points: int = count(default=POINTS)
+    beam: BeamMethod | None = beam_method()
 
     OBSERVABLES = {"tip": "position", "tip_angle": "angle", "end_moment": "moment", "inclination": "angle"}
 
@@ -244,8 +254,8 @@ class Free(FingerScene):
         tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
         return Loads(tip[0], tip[1], *self.weights(share))
 
-    def roughness(self, unknowns):
-        return jnp.zeros(()) if self.is_arcs() else super().roughness(unknowns)
+    def is_resolved(self, unknowns):
+        return jnp.asarray(True) if self.is_arcs() else super().is_resolved(unknowns)
 
     def is_unloaded(self):
         if self.is_arcs():
@@ -257,7 +267,7 @@ class Free(FingerScene):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
     def bent(self, unknowns, share, pressure):
-        return self.beam(unknowns, None, share, pressure)
+        return self.bend(unknowns, None, share, pressure)
 
     def measured(self, unknowns, share, pressure):
         if self.is_arcs():
@@ -265,6 +275,21 @@ class Free(FingerScene):
         bent = self.bent(unknowns, share, pressure)
         inclination = jnp.maximum(bent.parts.chamber.share * bent.turned, 0.0)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
+
+    def passed(self, observed):
+        """A finger that has turned by more than MOST_TURN lies on itself, and the model says nothing of that."""
+        return jnp.abs(observed["tip_angle"]) / MOST_TURN - 1
+
+    def spent(self, unknowns, pressure):
+        if not self.is_arcs():
+            return super().spent(unknowns, pressure)
+        moments = jnp.abs(unknowns) * self.finger.H / self.finger.L / 3
+        return super().spent(unknowns, pressure) | {
+            Reason.SECTION_FULL: jnp.max(moments) / self.law().largest_moment - 1
+        }
+
+    def turned(self, unknowns):
+        return self.turns(unknowns)[0] if self.is_arcs() else super().turned(unknowns)
 
     # --- circular arcs: the unknowns are the moments of the parts, in units of EI/L, positive in the bending direction
 
@@ -303,10 +328,10 @@ class Free(FingerScene):
         hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
         return jnp.maximum(pushes, -hanging / (unit * self.finger.moment_scale()))
 
-    def find(self, pressure):
+    def find_along(self, pressure, steps=None):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
         if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclination != "none"):
-            return super().find(pressure)
+            return super().find_along(pressure, steps)
         parts, _ = self.chambers()
         highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
 
@@ -325,11 +350,16 @@ class Free(FingerScene):
             )
             unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
         # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
-        missing = jnp.max(jnp.abs(self.residual(unknowns, pressure)))
-        status = jnp.where(missing < MATCHED, Status.OK, Status.BEYOND_LIMIT)
+        residual, observed = self.evaluated(unknowns, pressure)
+        carried = jnp.all(jnp.isfinite(self.turns(unknowns)[0]))
+        curled = self.passed(observed) > 0
+        exists = (jnp.max(jnp.abs(residual)) < MATCHED) & ~curled
+        status = jnp.where(exists, Status.OK, Status.BEYOND_LIMIT)
         end = self.pressure_span().end
-        closed = (status == Status.BEYOND_LIMIT) & (pressure > end)
-        reason, detail = jnp.where(closed, int(self.end_reason()), 0), jnp.where(closed, end, jnp.nan)
+        closed = ~exists & (pressure > end)
+        reason = jnp.where(carried, int(Reason.INCLINED_WALL), int(Reason.SECTION_FULL))
+        reason = jnp.where(closed, int(self.end_reason()), jnp.where(curled, int(Reason.CURLED_UP), reason))
+        reason, detail = jnp.where(exists, 0, reason), jnp.where(closed, end, jnp.nan)
         status = jnp.where(self.can_exist(), status, Status.IMPOSSIBLE)
         reason = jnp.where(self.can_exist(), reason, 0)
         return asked_for(pressure, Found(unknowns, pressure, status, iterations, reason=reason, detail=detail))
@@ -341,7 +371,7 @@ class Free(FingerScene):
 
     def profile(self, unknowns, pressure, n):
         if not self.is_arcs():
-            return self.beam_profile(self.bent(unknowns, jnp.ones_like(pressure), pressure), n)
+            return self.beam_profile(self.seen(unknowns, pressure), n)
         turned, stretch, lengths = self.turns(unknowns)
         x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.

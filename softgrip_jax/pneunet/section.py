@@ -10,7 +10,7 @@ Where a law has no state for a load, both values are NaN: never a state of anoth
 from __future__ import annotations
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -30,6 +30,9 @@ Scalar = Float[Array, ""]
 
 class SectionLaw(eqx.Module):
     """m, n <-> z, lambda of one cross-section."""
+
+    largest_moment: ClassVar[float] = np.inf
+    """The supremum of |m| without an axial force, where it is known; inf where it is not, or there is none."""
 
     @abc.abstractmethod
     def __call__(self, m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
@@ -54,6 +57,17 @@ class SectionLaw(eqx.Module):
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
         return self.loads(z, stretch)[0], stretch
 
+    def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
+        """(dz, dlambda) of the state (z, lambda) under small changes dm and dn of its loads; m is its moment.
+
+        Along a beam this is a state's own differential equation: nothing is solved for at any place.
+        """
+        one, none = jnp.ones_like(z), jnp.zeros_like(z)
+        m_z, n_z = jax.jvp(self.loads, (z, stretch), (one, none))[1]
+        m_l, n_l = jax.jvp(self.loads, (z, stretch), (none, one))[1]
+        scale = 1 / (m_z * n_l - m_l * n_z)
+        return (n_l * dm - m_l * dn) * scale, (m_z * dn - n_z * dm) * scale
+
 
 class Inextensible(SectionLaw):
     """lambda = 1, M = mu B H^3 theta'/3 (Euler-Bernoulli, plane strain): m = z/3. It knows no axial force."""
@@ -71,6 +85,9 @@ class Inextensible(SectionLaw):
 
     def bent(self, z, n):
         return z / 3, 1 + 0 * z
+
+    def rates(self, m, z, stretch, dm, dn):
+        return 3 * dm, 0 * dn
 
     def energy(self, z: Scalar, stretch: Scalar) -> Scalar:
         """w = z^2 / 6."""
@@ -116,6 +133,8 @@ class ExactNeoHookean(SectionLaw):
     as u -> 1, where m -> 1/2 for every n: there is a state for every |m| < 1/2, and NaN is returned beyond.
     """
 
+    largest_moment = 0.5
+
     def __call__(self, m, n):
         return _exact_state(m, n)
 
@@ -133,6 +152,11 @@ class ExactNeoHookean(SectionLaw):
 
     def bent(self, z, n):
         return _exact_bent(z, n)
+
+    def rates(self, m, z, stretch, dm, dn):
+        m_z, n_z, n_l = self.stiffness(m, z, stretch)
+        scale = 1 / (m_z * n_l - n_z * n_z)
+        return (n_l * dm - n_z * dn) * scale, (m_z * dn - n_z * dm) * scale
 
     def stiffness(self, m: Scalar, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """The Hessian of w, (m_z, n_z = m_lambda, n_lambda), with m_z = ((1 - u^2)^-2 - 2 k) / lambda^6.
@@ -161,7 +185,7 @@ class ExactNeoHookean(SectionLaw):
 @jax.custom_jvp
 def _exact_state(m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
     """(z, lambda) by one scalar root, see `_exact_stretch`; then z = m lambda^6 / k, regular at m = 0."""
-    solvable = jnp.abs(m) < LARGEST_MOMENT
+    solvable = jnp.abs(m) < ExactNeoHookean.largest_moment
     m, n = jnp.where(solvable, m, 0.0), jnp.where(solvable, n, 0.0)
     stretch = _exact_stretch(m, n)
     rest = 1 / (stretch**3 * (stretch - n))
@@ -217,8 +241,6 @@ BENT_STEPS = 4
 """From a start that is good to 1e-2 for |n| < 0.3."""
 FALLING_STEPS = 100
 """Far above the root each takes a fifth off."""
-LARGEST_MOMENT = 0.5
-"""sup |m| of the exact law."""
 NEWTON_STEPS = 3
 """The start is good to 2e-3 for |m| < 0.3, |n| < 0.1, and Newton squares that: 4e-6, 2e-11, last bit."""
 CONVERGED = 1e-7
@@ -314,6 +336,8 @@ class Thesis(SectionLaw):
     zero load; where n is above its maximum (for n = 0: |m| > 1/6) there is no state, and NaN is returned. The law is
     not the derivative of an energy.
     """
+
+    largest_moment = 1 / 6
 
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -33,6 +34,8 @@ class EnergyScene(Scene):
     The unknowns are the coefficients of the displacement, then the contact pressures in mu t_m / a. Loads are cube
     roots of p a / (mu t_m), in proportion to which the membrane rises.
     """
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("MinimumEnergy",)
 
     shell: FlatShell = part(FlatShell)
 
@@ -70,9 +73,11 @@ class EnergyScene(Scene):
 
     # --- finding ------------------------------------------------------------------------------------------------------
 
-    def follow(self, start: Vector, start_load: Scalar, guess: Vector, load: Scalar) -> Minimum:
-        """The minimum at `load`, from a known one."""
-        return _follow(self, start, start_load, guess, load)
+    def follow(
+        self, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar | float = LARGEST_STEP
+    ) -> Minimum:
+        """The minimum at `load`, from a known one, by load steps of at most `largest`."""
+        return _follow(self, start, start_load, guess, load, jnp.asarray(largest))
 
     def first_guess(self, load: Scalar) -> Vector:
         """A cap: what the small-deflection law (2.1) of a square gives, with the first polynomial of w alone."""
@@ -95,6 +100,12 @@ class EnergyScene(Scene):
 
     def find(self, pressure):
         return self._labelled(_find(self, self._load(pressure)[1]), pressure)
+
+    def find_by(self, pressure: Scalar, largest: float) -> Found:
+        """`find` by load steps of at most `largest`."""
+        load = self._load(pressure)[1]
+        met = self.follow(self.rest(), jnp.zeros_like(load), self.first_guess(load), load, largest)
+        return self._labelled(met, pressure)
 
     def find_from(
         self, start: Vector, start_load: Scalar, slope: Vector, pressure: Scalar
@@ -188,7 +199,9 @@ def _find_lanes(axis_size, is_batched, *lanes):
 # In a batch one lane is found after the other: on a CPU a lane alone makes better use of matrix products, and does not
 # wait for others.
 @sequential_vmap
-def _follow(scene: EnergyScene, start: Vector, start_load: Scalar, guess: Vector, load: Scalar) -> Minimum:
+def _follow(
+    scene: EnergyScene, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar
+) -> Minimum:
     work, unit_weights = scene.functional, scene.functional.contact_weights(scene)
 
     def expansion(y: Vector, multipliers: Float[Array, " k"], load: Scalar) -> Expansion:
@@ -207,4 +220,4 @@ def _follow(scene: EnergyScene, start: Vector, start_load: Scalar, guess: Vector
         gradient = x.gradient - pushes @ touch.slopes
         return Expansion(value, gradient, hessian, by_load, touch.gaps, touch.slopes, touch.pressed, unit_weights)
 
-    return minimise(expansion, scene.split(start), start_load, scene.split(guess), load, LARGEST_STEP)
+    return minimise(expansion, scene.split(start), start_load, scene.split(guess), load, largest)

@@ -2,18 +2,21 @@
 
 A grid has one dimension per varied number; other sets have the one dimension "design", along which the varied numbers
 are coordinates. Every quantity is a variable with its unit; every state has a variable "status_..." of small integers,
-whose attributes name them (CF conventions: flag_values, flag_meanings). Where gradients were asked for, every quantity
-has its derivatives, "slope_of_...", with the further dimension "by".
+whose attributes name them (CF conventions: flag_values, flag_meanings), and in the same way a variable "reason_...",
+why there is no answer (`Reason`). Where gradients were asked for, every quantity has its derivatives, "slope_of_...",
+with the further dimension "by".
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 
 from .._version import __version__
+from ..reasons import Reason
 from ..results import Status
 from ..units import DISPLAY, SI, unit_key
 from .designs import Grid
@@ -22,11 +25,11 @@ if TYPE_CHECKING:
     from .study import Study
 
 DESIGN = "design"
-SLOPE_OF, STATUS_OF = "slope_of_", "status_"
+SLOPE_OF, STATUS_OF, REASON_OF = "slope_of_", "status_", "reason_"
 
 
 def labelled(study: Study, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Dataset:
-    """The Dataset of all designs; arrays have one row per design: values, statuses and perhaps slopes."""
+    """The Dataset of all designs; arrays have one row per design: values, statuses, reasons and perhaps slopes."""
     leaves, asked, set_of = study.leaves, study.asked, study.designs
     is_grid = isinstance(set_of, Grid)
     dims = tuple(leaves.names) if is_grid else (DESIGN,)
@@ -44,14 +47,22 @@ def labelled(study: Study, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Da
             slopes = arrays["slopes"][:, k].reshape(*shape, leaves.size)
             words = {"long_name": f"derivative of {label}", "units": f"{SI[kind] or '1'} per SI unit of what varies"}
             data[SLOPE_OF + variable_name(label)] = ((*dims, "by"), slopes, words)
-    flags = {
-        "flag_values": np.array([int(s) for s in Status], dtype=np.int8),
-        "flag_meanings": " ".join(s.name for s in Status),
-    }
+    status_flags, reason_flags = _flags(Status, np.int8), _flags(Reason, np.int16)
     for k, label in enumerate(asked.state_labels()):
         statuses = arrays["statuses"][:, k].astype(np.int8).reshape(shape)
-        data[status_name(study, k)] = (dims, statuses, {"long_name": f"status at {label}"} | flags)
+        data[status_name(study, k)] = (dims, statuses, {"long_name": f"status at {label}"} | status_flags)
+        reasons = arrays["reasons"][:, k].astype(np.int16).reshape(shape)
+        words = {"long_name": f"reason of the status at {label}"}
+        data[REASON_OF + variable_name(label)] = (dims, reasons, words | reason_flags)
     return xr.Dataset(data, coords, {"title": "parameter study", "source": f"softgrip_jax {__version__}"})
+
+
+def _flags(codes: type[IntEnum], dtype: Any) -> dict[str, Any]:
+    """The numbers of an enumeration and what they mean (CF conventions)."""
+    return {
+        "flag_values": np.array([int(code) for code in codes], dtype=dtype),
+        "flag_meanings": " ".join(code.name for code in codes),
+    }
 
 
 def variable_name(label: str) -> str:
@@ -72,6 +83,8 @@ def csv_rows(study: Study, designs: np.ndarray, arrays: dict[str, np.ndarray]) -
         names.append(STATUS_OF + variable_name(label))
         words = [s.name for s in Status]
         columns.append([words[s] for s in arrays["statuses"][:, k]])
+        names.append(REASON_OF + variable_name(label))
+        columns.append([Reason(int(r)).name for r in arrays["reasons"][:, k]])
     for k, (label, kind) in enumerate(zip(asked.labels(), asked.kinds, strict=True)):
         unit = DISPLAY[kind][1]
         names.append(unit_key(variable_name(label), kind))

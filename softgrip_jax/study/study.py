@@ -61,11 +61,11 @@ class Study:
         return -(-self.designs.count // self.chunk)
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
-        """One design at SI values x: values, statuses and, where asked for, slopes (quantity by variable)."""
+        """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
 
         def values(x):
             found = self.asked.measure(self.leaves.scenes_at(x))
-            return found.values, {"values": found.values, "statuses": found.statuses}
+            return found.values, {"values": found.values, "statuses": found.statuses, "reasons": found.reasons}
 
         if not self.gradients:
             return values(x)[1]
@@ -76,7 +76,7 @@ class Study:
     def shapes(self, count: int) -> dict[str, tuple[int, ...]]:
         """Of the arrays that `evaluate` gives for so many designs."""
         quantities, states = len(self.asked.quantities), len(self.asked.states)
-        shapes = {"values": (count, quantities), "statuses": (count, states)}
+        shapes = {"values": (count, quantities), "statuses": (count, states), "reasons": (count, states)}
         return shapes | ({"slopes": (count, quantities, self.leaves.size)} if self.gradients else {})
 
     @cached_property

@@ -35,9 +35,10 @@ def main() -> int:
     bad += run_fingers(asked.fingers, asked.seed, asked.only) if asked.fingers else 0
     print(f"{bad:,} violations")
     if asked.show:
-        from shells import WORST
+        from fingers_check import WORST as FINGERS
+        from shells import WORST as SHELLS
 
-        for what, design in WORST.items():
+        for what, design in (SHELLS | FINGERS).items():
             print(what, *design, sep="\n    ")
     return 1 if bad else 0
 

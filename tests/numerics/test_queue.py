@@ -54,3 +54,14 @@ def test_a_batch_of_batches_and_a_context_with_lanes_of_its_own():
 def test_lanes_that_have_nothing_to_do():
     found = jax.vmap(collatz, (0, None))(jnp.ones(200), jnp.asarray(0.0))
     assert np.all(found.steps == 0)
+
+
+def test_every_lane_has_its_own_context():
+    """As many additions of its own number as a lane has steps."""
+    steps, numbers = np.arange(200) % 37, np.random.default_rng(2).random(200)
+
+    def added(steps, number):
+        start = jnp.asarray(steps), jnp.asarray(0.0)
+        return in_slots(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
+
+    np.testing.assert_allclose(jax.jit(jax.vmap(added))(steps, numbers), steps * numbers, rtol=1e-12)

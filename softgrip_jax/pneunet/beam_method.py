@@ -1,0 +1,143 @@
+"""How the equations of a bent cover are solved, as a choice: by collocation or by shooting.
+
+Both solve the same differential equations (see `beam`), and every scene of the finger takes either as `beam`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import equinox as eqx
+
+from ..errors import InputError
+
+if TYPE_CHECKING:
+    import diffrax
+
+POINTS = 16
+"""Gauss points along a finger."""
+
+
+class BeamMethod(eqx.Module):
+    """A method for the beam's equations. Its numbers are static: they are no part of a design."""
+
+
+def _whole(where: str, value: Any, least: int = 1) -> None:
+    if type(value) is not int or value < least:
+        raise InputError(f"{where} is {value!r}; it must be a whole number, {least} or more.")
+
+
+def _positive(where: str, value: Any) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
+        raise InputError(f"{where} is {value!r}; it must be a number between 0 and 1.")
+
+
+class Collocation(BeamMethod):
+    """Curvatures at Gauss points are the unknowns, and the section law holds at each of them; the default.
+
+    Nothing grows along the beam, whatever pulls at it, and errors fall geometrically with the number of points (de Boor
+    and Swartz 1973): 16 leave 1e-11 of the tip force of the thesis's finger, 8 leave 2e-7.
+
+    Args:
+        points: Gauss points along the beam, at least 3 in each of several parts.
+    """
+
+    points: int = eqx.field(static=True, default=POINTS)
+
+    def __check_init__(self) -> None:
+        _whole("Collocation.points", self.points)
+
+
+def _dopri8() -> Any:
+    import diffrax
+
+    return diffrax.Dopri8()
+
+
+class Shooting(BeamMethod):
+    """The tip force and the clamp's curvature (which stands for its moment) are the unknowns: the beam is integrated
+    from the clamp to the tip by diffrax, where it must arrive without a moment and at the right place.
+
+    What is integrated is (theta, L theta', lambda, x, y): with the section's own rates (`SectionLaw.rates`) nothing is
+    solved for on the way. Derivatives of any order, forward and in reverse: the steps that were accepted are gone
+    through once more as plain arithmetic (`numerics.shooting.replay`), and the implicit rule is applied to that.
+
+    A finger under a tension P multiplies what rounding leaves at the clamp by e^sqrt(P L^2 / EI) on the way to the tip;
+    several segments each have that of their own length only. More are taken where loads that are known numbers ask for
+    it, as collocation takes more points. Parts whose chambers incline on their own are segments in any case.
+
+    Args:
+        solver: an explicit Runge-Kutta method of diffrax, such as diffrax.Dopri8() or diffrax.Tsit5().
+        rtol, atol: tolerances of the adaptive steps; atol, of angles (rad), curvatures and places over L, is rtol
+            unless it is given.
+        segments: pieces of the beam that are integrated on their own (multiple shooting); angles and curvatures at the
+            joints are unknowns, too.
+        steps: so many equal steps in each segment in place of adaptive ones. NOT_CONVERGED where the method's own error
+            estimate is above a thousandth.
+        max_steps: adaptive steps in each segment, at most, those that are taken again included. A state that needs more
+            is NOT_CONVERGED; the derivatives' time grows with this number.
+        points: Gauss points where the shape is looked at, for the rules of the scene and for pictures.
+    """
+
+    solver: diffrax.AbstractERK = eqx.field(static=True, default_factory=_dopri8)
+    rtol: float = eqx.field(static=True, default=1e-8)
+    atol: float | None = eqx.field(static=True, default=None)
+    segments: int = eqx.field(static=True, default=1)
+    steps: int | None = eqx.field(static=True, default=None)
+    max_steps: int = eqx.field(static=True, default=32)
+    points: int = eqx.field(static=True, default=POINTS)
+    searching: bool = eqx.field(static=True, default=False, repr=False, kw_only=True)
+    """Whether forward derivatives will do: adaptive steps alone then, not gone through again."""
+
+    def __check_init__(self) -> None:
+        import diffrax
+
+        if not isinstance(self.solver, diffrax.AbstractERK) or not hasattr(self.solver.tableau, "b_sol"):
+            name = getattr(self.solver, "__name__", None) or type(self.solver).__name__
+            raise InputError(
+                f"Shooting.solver is {name}; it must be an explicit Runge-Kutta method of diffrax, for instance "
+                "diffrax.Dopri8() or diffrax.Tsit5()."
+            )
+        _positive("Shooting.rtol", self.rtol)
+        if self.atol is not None:
+            _positive("Shooting.atol", self.atol)
+        _whole("Shooting.segments", self.segments)
+        _whole("Shooting.max_steps", self.max_steps, 2)
+        _whole("Shooting.points", self.points)
+        if self.steps is not None:
+            _whole("Shooting.steps", self.steps)
+
+
+METHODS = ("collocation", "shooting")
+"""By name, for configs."""
+FROM_CONFIG = {"rtol": float, "atol": float, "segments": int, "steps": int, "max_steps": int, "points": int}
+"""Numbers of Shooting that a table may give."""
+
+
+def to_method(value: Any) -> Any:
+    """A method; or its name, or a table {type = "shooting", rtol = 1e-6} of a config, as a method.
+
+    None stands for Collocation with the scene's own points, and so does its name.
+    """
+    if isinstance(value, str):
+        value = {"type": value}
+    if not isinstance(value, dict):
+        return value
+    given = dict(value)
+    name = given.pop("type", None)
+    if name not in METHODS:
+        raise InputError(f"beam is {name!r}; it must be one of {', '.join(map(repr, METHODS))}.")
+    allowed = FROM_CONFIG if name == "shooting" else {"points": int}
+    for key, number in given.items():
+        if key not in allowed:
+            raise InputError(f"beam has no key {key!r}; {name!r} takes {', '.join(allowed)}.")
+        if isinstance(number, int) and not isinstance(number, bool):
+            given[key] = allowed[key](number)
+    if name == "shooting":
+        return Shooting(**given)
+    return Collocation(**given) if given else None
+
+
+def beam_method() -> Any:
+    """The field of a scene that holds its method: None for Collocation with the scene's own number of points."""
+    return eqx.field(default=None, static=False, converter=to_method, kw_only=True, metadata={"methods": METHODS})

@@ -1,0 +1,134 @@
+"""Curves y(x) with limit points, dips and crossings, against polynomials whose roots are known."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
+
+from softgrip_jax.numerics.curves import first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
+
+RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
+
+
+def curve(powers):
+    return lambda x: jnp.polyval(powers[::-1], x)
+
+
+@partial(jax.jit, static_argnums=2)
+def peak_of(powers, end, look):
+    scan = scan_curve(curve(powers), jnp.zeros_like(end), end, look)
+    return first_maximum(curve(powers), scan, scan.falls), scan
+
+
+@partial(jax.jit, static_argnums=2)
+def peak_before(powers, end, may_dip):
+    return first_maximum_before(curve(powers), jnp.zeros_like(end), end, may_dip)
+
+
+@jax.jit
+def crossed(powers, target, end, stop):
+    scan = scan_curve(curve(powers), jnp.zeros_like(end), end)
+    return first_crossing(curve(powers), target, scan.x, scan.y, stop)
+
+
+def of_slopes(*roots, scale=1.0):
+    """A polynomial through zero that rises at first and turns at the roots; always five coefficients."""
+    slope = scale * Polynomial.fromroots(roots) * (-1) ** len(roots)
+    whole = slope.integ()
+    return np.pad(whole.coef, (0, 5 - len(whole.coef))), whole
+
+
+@RANDOM
+@given(first=st.floats(0.1, 0.9), gap=st.floats(0.06, 0.9), end=st.floats(1.0, 1.5))
+def test_the_first_of_two_turns_is_the_maximum(first, gap, end):
+    powers, _ = of_slopes(first, first + gap)
+    for look in ("cells", "dips"):
+        x, scan = peak_of(powers, end, look)
+        assert scan.falls
+        assert float(x) == pytest.approx(first, abs=1e-9)
+        assert scan.x[scan.sure] <= first + end / 48  # at most in the cell of the maximum
+    x, falls = peak_before(powers, end, True)
+    assert falls
+    assert float(x) == pytest.approx(first, abs=1e-9)
+
+
+def test_a_maximum_and_a_minimum_between_two_samples_of_which_the_first_is_higher():
+    """The curve rises again before the second sample: its slope there says nothing of the maximum."""
+    powers, whole = of_slopes(24.1 / 48, 24.9 / 48)
+    assert whole(25 / 48) < whole(0.5)
+    x, scan = peak_of(powers, 1.0, "cells")
+    assert scan.falls
+    assert float(x) == pytest.approx(24.1 / 48, abs=1e-9)
+
+
+@RANDOM
+@given(place=st.floats(0.1, 0.85), width=st.floats(-3.5, -1.7))
+def test_a_dip_that_is_narrower_than_a_cell_is_seen(place, width):
+    powers, _ = of_slopes(place, place + 10**width)
+    x, scan = peak_of(powers, 1.0, "dips")
+    assert scan.falls
+    assert float(x) == pytest.approx(place, abs=1e-7 if width > -3 else 1e-5)
+    assert not np.any(np.asarray(scan.x)[: int(scan.sure) + 1] > place)
+
+
+@RANDOM
+@given(turn=st.floats(0.02, 0.99))
+def test_one_maximum_is_found_from_a_few_samples(turn):
+    powers, _ = of_slopes(turn)
+    for x, falls in (
+        peak_before(powers, 1.0, False),
+        (lambda found: (found[0], found[1].falls))(peak_of(powers, 1.0, "single")),
+    ):
+        assert falls
+        assert float(x) == pytest.approx(turn, rel=1e-12)
+
+
+def test_a_curve_that_rises_to_its_end_has_no_maximum_there():
+    powers, _ = of_slopes(1.3)
+    for look in ("cells", "dips", "single"):
+        assert not peak_of(powers, 1.0, look)[1].falls
+    for may_dip in (True, False):
+        x, falls = peak_before(powers, 1.0, may_dip)
+        assert not falls
+        assert x == 1.0
+
+
+def test_what_is_not_a_number_ends_a_curve():
+    scan = scan_curve(lambda x: jnp.where(x > 0.4, jnp.nan, x), jnp.asarray(0.0), jnp.asarray(1.0))
+    assert scan.falls
+    assert 0.35 < scan.x[scan.last] <= 0.4
+
+
+@RANDOM
+@given(
+    turns=st.tuples(st.floats(0.05, 0.95), st.floats(0.05, 0.95)), share=st.floats(-0.2, 1.2), stop=st.floats(0.3, 1.0)
+)
+def test_the_first_crossing_of_a_value(turns, share, stop):
+    assume(abs(turns[0] - turns[1]) > 0.1)
+    powers, whole = of_slopes(*turns)
+    samples = whole(np.linspace(0, stop, 500))
+    target = samples.min() + share * np.ptp(samples)
+    # Nothing is asked where a curve just touches the value: whether it crosses would be rounding.
+    assume(min(abs(whole(np.array([0.0, stop, *turns])) - target)) > 2e-3 * np.ptp(samples))
+    roots = (whole - target).roots()
+    roots = roots[abs(roots.imag) < 1e-9].real
+    roots = roots[(roots > 0) & (roots <= stop)]
+    found = crossed(powers, target, 1.0, stop)
+    assert bool(found.exists) == (roots.size > 0)
+    if roots.size:
+        assert float(found.x) == pytest.approx(min(roots), rel=1e-9, abs=1e-12)
+        assert found.iterations <= 8
+        assert float(found.swing) == pytest.approx(min(roots) * abs(whole.deriv()(min(roots))), rel=1e-2)
+        cell = 1 / 48
+        near = np.clip(np.array([min(roots) - cell, min(roots) + cell]), 0, stop)
+        fine = whole(np.linspace(*near, 50))
+        assert 0 < found.scale <= np.ptp(fine) + 1e-12
+
+
+def test_slopes():
+    assert float(slope_of(lambda x: x**3)(2.0)) == pytest.approx(12.0)

@@ -1,0 +1,134 @@
+"""Roots of one unknown in a bracket, against functions whose roots are known; what they take is bounded."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from softgrip_jax.numerics.roots import MAX_BRACKET_STEPS, bracketed_root, newton_bracketed, select
+
+RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
+EPS = np.finfo(float).eps
+
+FUNCTIONS = (
+    lambda x, root: x - root,
+    lambda x, root: x**3 - root**3,
+    lambda x, root: jnp.exp(x) - jnp.exp(root),
+    lambda x, root: jnp.arctan(50 * (x - root)),
+    lambda x, root: (x - root) ** 5,
+    lambda x, root: jnp.sign(x - root) * jnp.sqrt(jnp.abs(x - root)),
+    lambda x, root: jnp.log(x + 4) - jnp.log(root + 4),
+)
+SINGLE_STEP = 0
+FLAT = (1, 4)
+"""No slope at the root, or none at a root of zero: only as good as their rounding."""
+KINKED = 5
+
+
+@jax.jit
+def bracketed(which, root, low, high):
+    return bracketed_root(lambda x: jax.lax.switch(which, FUNCTIONS, x, root), low, high)
+
+
+@jax.jit
+def newton(which, root, low, high, guess):
+    return newton_bracketed(lambda x: jax.lax.switch(which, FUNCTIONS, x, root), low, high, guess)
+
+
+ROOTS = st.floats(-2.0, 2.0).map(lambda x: round(x, 6))
+WAYS = st.floats(1e-3, 1.9)
+
+
+@RANDOM
+@given(which=st.integers(0, len(FUNCTIONS) - 1), root=ROOTS, below=WAYS, above=WAYS)
+@example(which=1, root=0.0, below=1.0, above=0.5)
+def test_bracketed_roots_to_the_last_bits(which, root, below, above):
+    found = bracketed(which, root, root - below, root + above)
+    if which in FLAT:
+        assert abs(FUNCTIONS[which](found.x, root)) <= 1e-15
+    else:
+        assert abs(found.x - root) <= 8 * EPS * (1 + abs(root))
+    assert root - below <= found.x <= root + above
+    assert found.iterations <= (MAX_BRACKET_STEPS if which in FLAT else 70)
+
+
+def test_a_smooth_root_takes_few_steps_and_bisection_the_rest():
+    """Exponential: nine steps from a bracket of order one; a jump: as many as there are bits."""
+    assert bracketed(2, 0.3, -1.0, 1.5).iterations <= 10
+    jump = jax.jit(lambda low, high: bracketed_root(lambda x: jnp.where(x < 1 / 3, -1.0, 1.0), low, high))
+    found = jump(0.0, 1.0)
+    assert 45 <= found.iterations <= 60
+    assert jump(0.5, 0.75).x == pytest.approx(0.5, rel=4 * EPS)  # no change of sign: the end that is nearest to one
+    assert jump(-1.0, 0.25).x == pytest.approx(0.25, rel=4 * EPS)
+    assert jump(-1.0, 0.25).iterations <= MAX_BRACKET_STEPS
+
+
+def test_the_ends_of_a_bracket_are_never_evaluated():
+    """1/x between poles, where the ends are infinite or not a number."""
+    found = jax.jit(lambda low, high: bracketed_root(lambda x: 1 / (1 - x) - 1 / x, low, high))(0.0, 1.0)
+    assert float(found.x) == pytest.approx(0.5, rel=2 * EPS)
+    found = jax.jit(lambda low, high: bracketed_root(lambda x: jnp.log(x) - jnp.log(2 - x), low, high))(0.0, 2.0)
+    assert float(found.x) == pytest.approx(1.0, rel=2 * EPS)
+
+
+def test_what_is_not_a_number_ends_a_search():
+    found = jax.jit(lambda low, high: bracketed_root(lambda x: x * jnp.nan, low, high))(0.0, 1.0)
+    assert found.iterations < MAX_BRACKET_STEPS
+    assert bracketed(0, np.nan, 0.0, 1.0).iterations < MAX_BRACKET_STEPS
+    assert newton(0, np.nan, 0.0, 1.0, 0.5).iterations <= MAX_BRACKET_STEPS
+
+
+@RANDOM
+@given(which=st.sampled_from([0, 1, 2, 3, 6]), root=ROOTS, below=WAYS, above=WAYS, share=st.floats(-0.5, 1.5))
+def test_newtons_method_stays_in_its_bracket(which, root, below, above, share):
+    """From any guess, one outside of the bracket too: arctan alone would run away, x^3 stand still at zero."""
+    low, high = root - below, root + above
+    found = newton(which, root, low, high, low + share * (high - low))
+    assert low <= found.x <= high
+    if which in FLAT:
+        assert abs(found.x**3 - root**3) <= 1e-14
+    else:
+        assert abs(found.x - root) <= 1e-15 + 8 * EPS * abs(root) + EPS
+    assert found.iterations <= (12 if which == SINGLE_STEP and abs(root) > 1e-3 else MAX_BRACKET_STEPS)
+
+
+def test_newtons_method_takes_few_steps_from_a_good_guess_and_none_in_an_empty_bracket():
+    found = newton(2, 0.7, -1.0, 2.0, 0.71)
+    assert float(found.x) == pytest.approx(0.7, rel=EPS)
+    assert found.iterations <= 3
+    assert float(found.slope) == pytest.approx(np.exp(0.7), rel=1e-3)
+    # A guess outside is not tried, be it another root.
+    low, high, outside = (jnp.asarray(x) for x in (0.0, 3.0, -1.0))
+    assert float(newton_bracketed(lambda x: x**2 - 1, low, high, outside).x) == pytest.approx(1, rel=2 * EPS)
+    empty = newton(2, 0.7, 0.4, 0.4, 0.4)
+    assert (float(empty.x), int(empty.iterations)) == (0.4, 0)
+
+
+def test_no_derivative_passes_through_a_search():
+    def root(c):
+        def function(x):
+            return x**2 - c
+
+        low, high = 0 * c, 1 + c
+        return bracketed_root(function, low, high).x + newton_bracketed(function, low, high, c).x
+
+    value, slope = jax.jit(jax.value_and_grad(root))(2.0)
+    assert float(value) == pytest.approx(2 * np.sqrt(2), rel=4 * EPS)
+    assert slope == 0
+
+
+def test_lanes_of_a_batch_are_what_they_are_alone():
+    roots = jnp.linspace(-1.5, 1.5, 7)
+    for which in range(len(FUNCTIONS)):
+        lanes = jax.vmap(lambda root, which=which: bracketed(which, root, root - 0.7, root + 1.1))(roots)
+        alone = [bracketed(which, root, root - 0.7, root + 1.1) for root in roots]
+        np.testing.assert_allclose(lanes.x, [one.x for one in alone], rtol=1e-3 if which in FLAT else 1e-14, atol=1e-15)
+
+
+def test_a_choice_between_trees():
+    one, other = {"a": jnp.arange(2.0), "b": (jnp.asarray(1),)}, {"a": -jnp.arange(2.0), "b": (jnp.asarray(5),)}
+    for condition, expected in ((True, one), (False, other)):
+        chosen = select(jnp.asarray(condition), one, other)
+        jax.tree.map(np.testing.assert_array_equal, chosen, expected)

@@ -1,0 +1,256 @@
+"""Solvers as a choice: the same answers by each, certificates, warm starts, and what cannot be used."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import lineax
+import numpy as np
+import optimistix as optx
+import pytest
+from fingers import TYPE_A, contact
+from hard_cases import FINGERS, SHELLS, Hard, free_top
+from helpers import CASES, Case, cheap, reference, shell
+from jax import lax
+
+import softgrip_jax as sg
+from softgrip_jax.numerics.roots import implicit
+from softgrip_jax.pneunet import Shooting
+from softgrip_jax.solvers import ArcLength, ExplicitCurve, MinimumEnergy, Newton
+from softgrip_jax.units import kPa, mm
+
+OK, BEYOND, NOT_CONVERGED = sg.Status.OK, sg.Status.BEYOND_LIMIT, sg.Status.NOT_CONVERGED
+FAST = ("free", "flat-yeoh", "cylinder")
+CURVES = [
+    case if case.name in FAST else pytest.param(case, marks=pytest.mark.slow)
+    for case in CASES
+    if "energy" not in case.name
+]
+
+
+@pytest.mark.parametrize("case", CURVES, ids=str)
+def test_newton_finds_what_the_curve_tells(case: Case):
+    scene, observed = reference(case)
+    found = sg.solve(scene, case.pressure, solver=Newton())
+    assert int(found.status) == OK
+    for name, value in observed.items():
+        np.testing.assert_allclose(found.observables[name], value, rtol=1e-9)
+
+
+def finger(offset=-3.0, weight=(5e-4, -1e-3)):
+    return contact(TYPE_A, "exact", offset, 0.05, weight)
+
+
+@jax.jit
+def answers(scene, pressure):
+    """By every solver; one program."""
+    return [sg.solve(scene, pressure, solver=s) for s in (None, ArcLength(largest_step=1.0, turn=0.95), Newton())]
+
+
+def test_a_finger_by_every_solver():
+    found = answers(finger(), 25 * kPa)
+    for other in found[1:]:
+        assert int(other.status) == OK
+        np.testing.assert_allclose(other.tip_force, found[0].tip_force, rtol=1e-12)
+    # Beyond the limit there is nothing to be found; that there is no equilibrium Newton's method cannot know.
+    found = answers(finger(), 60 * kPa)
+    assert [int(s.status) for s in found[:2]] == [BEYOND, BEYOND]
+    assert int(found[2].status) in (BEYOND, NOT_CONVERGED)
+    assert np.isnan(found[2].tip_force)
+
+
+def test_states_behind_a_limit_have_no_certificate():
+    """Equilibria under volume control, unstable under pressure: they solve the equations, and are no answer."""
+    scene = finger()
+    curve = sg.branch(scene, 60)
+    top = int(np.argmax(np.where(curve.status == OK, curve.pressure, 0)))
+    before, behind = top - 4, top + 4
+    newton = jax.jit(lambda p, y: sg.solve(scene, p, solver=Newton(), guess=y))
+    for k, status, reason in ((before, OK, sg.Reason.NONE), (behind, NOT_CONVERGED, sg.Reason.ANOTHER_BRANCH)):
+        found = newton(curve.pressure[k], curve.unknowns[k])
+        assert int(found.residual < 1e-12)
+        assert (int(found.status), int(found.reason)) == (status, reason)
+        np.testing.assert_allclose(found.unknowns, curve.unknowns[k], rtol=0, atol=1e-6)
+    assert "not on the branch" in found.reason_text()
+    assert jax.grad(lambda p: newton(p, curve.unknowns[behind]).tip_force)(curve.pressure[behind]) == 0
+
+
+def test_a_membrane_behind_its_largest_pressure_has_no_certificate():
+    top, largest = free_top()
+    newton = jax.jit(lambda p, y: sg.solve(sg.shell.Free(shell()), p, solver=Newton(), guess=y))
+    status = [int(newton(0.9 * largest, guess).status) for guess in (0.7 * top, 1.25 * top)]
+    assert status == [OK, NOT_CONVERGED]
+    assert int(newton(1.1 * largest, top).status) == NOT_CONVERGED
+
+
+def test_a_column_that_has_buckled_has_no_certificate():
+    """Pressed along its axis by three times Euler's load, straight it is in equilibrium but not stable."""
+    case = next(case for case in FINGERS if "Euler" in case.name)
+    found = sg.solve(case.make(), 0.0, solver=Newton())
+    assert int(found.residual < 1e-12)
+    assert int(found.reason) == sg.Reason.ANOTHER_BRANCH
+
+
+def test_warm_starts_along_a_parameter():
+    """Each from the solution before, in a scan; the same as from zero load, in fewer steps."""
+    scene = finger()
+    pressures = jnp.linspace(20, 30, 6) * kPa
+
+    @jax.jit
+    def along(start):
+        def next_one(guess, pressure):
+            found = sg.solve(scene, pressure, solver=Newton(), guess=guess)
+            return found.unknowns, (found.tip_force, found.iterations, found.status)
+
+        return lax.scan(next_one, start, pressures)[1]
+
+    first = sg.solve(scene, pressures[0])
+    force, steps, status = along(first.unknowns)
+    np.testing.assert_array_equal(status, OK)
+    np.testing.assert_allclose(force, sg.path(scene, pressures).tip_force, rtol=1e-12)
+    assert np.max(steps) <= 5
+    # A Solution is a guess as it is.
+    again = sg.solve(scene, pressures[0], solver=Newton(), guess=first)
+    np.testing.assert_allclose(again.tip_force, first.tip_force, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_derivatives_do_not_depend_on_the_solver():
+    scene = finger()
+
+    def force(share, solver):
+        return sg.solve(replace(scene, tip_offset=share * scene.tip_offset), 25 * kPa * share, solver=solver).tip_force
+
+    for derivative in (jax.grad(force), jax.jacfwd(force), jax.grad(jax.grad(force))):
+        ours, other = (jax.jit(derivative, static_argnums=1)(jnp.asarray(1.0), s) for s in (Newton(), None))
+        np.testing.assert_allclose(ours, other, rtol=1e-9)
+
+
+def test_the_implicit_rule_is_optimistixs():
+    """implicit at a root = optimistix.root_find with its ImplicitAdjoint, gradient and second derivative."""
+
+    def residual(y, a):
+        return jnp.stack([y[0] ** 3 + y[1] - a, y[1] - jnp.sin(y[0])])
+
+    def by_optimistix(a):
+        found = optx.root_find(residual, optx.Newton(1e-12, 1e-12), jnp.ones(2), a, adjoint=optx.ImplicitAdjoint())
+        return found.value[0]
+
+    def by_implicit(a):
+        return implicit(residual, optx.root_find(residual, optx.Newton(1e-12, 1e-12), jnp.ones(2), 2.0).value, a)[0]
+
+    a = jnp.asarray(2.0)
+    np.testing.assert_allclose(jax.grad(by_implicit)(a), jax.grad(by_optimistix)(a), rtol=1e-12)
+    np.testing.assert_allclose(jax.jacfwd(by_implicit)(a), jax.grad(by_optimistix)(a), rtol=1e-12)
+    h = 1e-4
+    second = (jax.grad(by_optimistix)(a + h) - jax.grad(by_optimistix)(a - h)) / (2 * h)
+    np.testing.assert_allclose(jax.grad(jax.grad(by_implicit))(a), second, rtol=1e-6)
+
+
+def test_the_energy_membrane_by_its_solver():
+    scene = cheap(sg.shell.Free(shell(), model="energy"))
+    ours, other = (sg.solve(scene, 12 * kPa, solver=s) for s in (MinimumEnergy(largest_step=0.6), None))
+    assert int(ours.status) == OK
+    assert int(ours.iterations) > int(other.iterations)
+    np.testing.assert_allclose(ours.inflation, other.inflation, rtol=1e-9)
+
+
+# --- hard cases by every method and solver ----------------------------------------------------------------------------
+
+
+def check(case: Hard, scene: sg.Scene, solver) -> None:
+    """Newton may give up where the catalogue has an answer, but what it calls OK is that answer."""
+    found = sg.solve(scene, case.pressure(), solver=solver)
+    status = sg.Status(int(found.status))
+    assert status in case.status or status is NOT_CONVERGED
+    if status is OK and case.truth is not None:
+        np.testing.assert_allclose(found.observables[case.observable], case.truth(), rtol=case.tolerance)
+    if status is NOT_CONVERGED:
+        assert all(np.all(np.isnan(value)) for value in found.observables.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", SHELLS, ids=str)
+def test_hard_shells_by_newton(case):
+    check(case, case.make(), Newton())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", FINGERS, ids=str)
+def test_hard_fingers_by_newton(case):
+    check(case, case.make(), Newton())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", FINGERS, ids=str)
+def test_hard_fingers_by_shooting(case):
+    scene = replace(case.make(), beam=Shooting())
+    found = sg.solve(scene, case.pressure())
+    status = sg.Status(int(found.status))
+    assert status in case.status, found.reason_text()
+    if status is OK and case.truth is not None:
+        np.testing.assert_allclose(found.observables[case.observable], case.truth(), rtol=max(case.tolerance, 1e-6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", FINGERS[:4], ids=str)
+def test_hard_fingers_by_shooting_and_newton(case):
+    check(case, replace(case.make(), beam=Shooting()), Newton())
+
+
+# --- what cannot be used ----------------------------------------------------------------------------------------------
+
+BAD = {
+    "a curve for a finger": (
+        lambda: sg.solve(finger(), 1e4, solver=ExplicitCurve()),
+        "TipContact cannot be solved by ExplicitCurve; it can by ArcLength or Newton",
+    ),
+    "an arc length for a shell": (
+        lambda: sg.solve(sg.shell.Free(shell()), 1e4, solver=ArcLength()),
+        "Free cannot be solved by ArcLength; it can by ExplicitCurve or Newton",
+    ),
+    "Newton for an energy": (
+        lambda: sg.solve(cheap(sg.shell.Free(shell(), model="energy")), 1e4, solver=Newton()),
+        "Free cannot be solved by Newton; it can by MinimumEnergy",
+    ),
+    "a class": (lambda: sg.solve(finger(), 1e4, solver=Newton), "it must be one of sg.solvers"),
+    "a name": (lambda: sg.solve(finger(), 1e4, solver="newton"), "solver is 'newton'; it must be one of sg.solvers"),
+    "a guess alone": (lambda: sg.solve(finger(), 1e4, guess=jnp.zeros(17)), "give solver=sg.solvers.Newton"),
+    "a guess for arc length": (
+        lambda: sg.solve(finger(), 1e4, solver=ArcLength(), guess=jnp.zeros(17)),
+        "ArcLength begins at zero load and takes no guess",
+    ),
+    "a guess of another size": (
+        lambda: sg.solve(finger(), 1e4, solver=Newton(), guess=jnp.zeros(9)),
+        r"unknowns of the shape \(9,\), and the unknowns of this TipContact have the shape \(17,\)",
+    ),
+    "no guess at all": (lambda: sg.solve(finger(), 1e4, solver=Newton(), guess="near"), "guess is 'near'"),
+    "a tolerance": (lambda: Newton(rtol=0.0), "Newton.rtol is 0.0; it must be a number between 0 and 1"),
+    "no steps": (lambda: Newton(max_steps=0), "Newton.max_steps is 0; it must be a whole number"),
+    "no linear solver": (lambda: Newton(linear_solver="LU"), "Newton.linear_solver is 'LU'; it must be a solver"),
+    "a step": (lambda: ArcLength(largest_step=0.0), "ArcLength.largest_step is 0.0; it must be a positive number"),
+    "a turn": (lambda: ArcLength(turn=1.0), "ArcLength.turn is 1.0; it must be a cosine between 0 and 1"),
+    "a load step": (lambda: MinimumEnergy(largest_step=-1.0), "MinimumEnergy.largest_step is -1.0"),
+}
+
+
+@pytest.mark.parametrize(("ask", "said"), BAD.values(), ids=BAD)
+def test_what_cannot_be_used_is_said(ask, said):
+    with pytest.raises(ValueError, match=said):
+        ask()
+
+
+@pytest.mark.slow
+def test_a_linear_solver_of_ones_own():
+    found = sg.solve(finger(), 25 * kPa, solver=Newton(linear_solver=lineax.QR()))
+    np.testing.assert_allclose(found.tip_force, sg.solve(finger(), 25 * kPa).tip_force, rtol=1e-12)
+
+
+def test_every_scene_names_its_solvers():
+    """What a scene says that it can use is there, and the first of them does what is done by default."""
+    for case in CASES:
+        scene = case.make().prepared()
+        assert all(hasattr(sg.solvers, name) for name in scene.SOLVERS)
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm)
+    ours, other = (sg.solve(scene, 12 * kPa, solver=s) for s in (ExplicitCurve(), None))
+    assert float(ours.force) == float(other.force)
