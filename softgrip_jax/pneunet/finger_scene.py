@@ -202,7 +202,8 @@ class FingerScene(PathScene):
 
         if isinstance(self.beam, Shooting) and self.is_cell():
             raise InputError(
-                f'{type(self).__name__}.beam is {self.beam!r}; with drive = "cell" it must be sg.pneunet.Collocation(...).'
+                f'{type(self).__name__}.beam is {self.beam!r}; with drive = "cell" it must be '
+                "sg.pneunet.Collocation(...)."
             )
 
     def method(self) -> Any:
