@@ -1,6 +1,6 @@
 """Fits the coefficients of the cell law to the states that `generate.py` made, and to finite elements of type A.
 
-    python benchmarks/cell/fit.py OUT.npz DATA/states_*.npz --keep-back 4
+    python benchmarks/cell/fit.py OUT.npz benchmarks/cell/states/*.npz --finite-elements AE --keep-back 5
 
 The form of the law is in softgrip_jax/pneunet/cell/form.py. It is linear in its coefficients, so one regularised least
 squares problem for each function finds them. Values and derivatives of the moment, the stretch and the contact force
