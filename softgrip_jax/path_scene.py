@@ -184,8 +184,8 @@ class PathScene(Scene):
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
         reason = jnp.where(ended, int(self.end_reason()), found.reason)
         detail = jnp.where(ended, span.end, found.detail)
-        u, steps = found.u, found.iterations
-        return asked_for(pressure, Found(u[:-1], pressure, status, steps, reason=reason, detail=detail))
+        unknowns, taken = found.u[:-1], found.iterations
+        return asked_for(pressure, Found(unknowns, pressure, status, taken, reason=reason, detail=detail))
 
     def onset(self):
         return self.pressure_span().begin

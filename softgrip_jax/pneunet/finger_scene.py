@@ -205,12 +205,6 @@ class FingerScene(PathScene):
                 "sg.pneunet.Collocation(...) only."
             )
 
-        if isinstance(self.beam, Shooting) and self.is_cell():
-            raise InputError(
-                f'{type(self).__name__}.beam is {self.beam!r}; with drive = "cell" it must be '
-                "sg.pneunet.Collocation(...)."
-            )
-
     def method(self) -> Any:
         """How the beam's equations are solved."""
         return Collocation(self.points) if self.beam is None else self.beam
