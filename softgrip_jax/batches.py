@@ -121,10 +121,10 @@ class Batched(eqx.Module):
 
     def _flat(self, value: Array) -> np.ndarray:
         """One row per state."""
-        value, batch = np.asarray(value), self.status.shape
-        if value.shape[: len(batch)] != batch:  # the same for every state
-            value = np.broadcast_to(value, batch + value.shape)
-        return value.reshape(-1, *value.shape[len(batch) :])
+        rows, batch = np.asarray(value), self.status.shape
+        if rows.shape[: len(batch)] != batch:  # the same for every state
+            rows = np.broadcast_to(rows, batch + rows.shape)
+        return rows.reshape(-1, *rows.shape[len(batch) :])
 
     def _varied(self) -> list[tuple[str, np.ndarray, str]]:
         """(path, values, kind) of the numbers of the scene that are not the same in all states."""

@@ -242,7 +242,7 @@ def _ranks(cls: type) -> tuple[tuple[str, int | None], ...]:
     for field in dataclasses.fields(cls):
         meta, annotation = field.metadata, hints.get(field.name)
         options = typing.get_args(annotation) or (annotation,)
-        shapes = [option.dim_str.split() for option in options if hasattr(option, "dim_str")]
+        shapes = [dims.split() for dims in (getattr(option, "dim_str", None) for option in options) if dims is not None]
         if "types" in meta:
             found.append((field.name, None))
         elif "size" in meta:

@@ -29,7 +29,7 @@ def describe(module: Any, has_units: bool = True) -> str:
     """A module in one line, as a call of its class in which numbers carry units, or are in SI without a unit."""
     shown = []
     # As a call reads: what may be given by place comes first.
-    for field in sorted(dataclasses.fields(module), key=lambda field: field.kw_only):
+    for field in sorted(dataclasses.fields(module), key=lambda field: bool(field.kw_only)):
         # In the middle of its construction a module may not have all of its fields.
         # An empty list of names (of rules that are switched off) says nothing, nor does a method that nobody chose.
         if field.repr and field.name in vars(module) and not _is_empty(vars(module)[field.name], field):
@@ -59,8 +59,9 @@ def _describe_value(value: Any, kind: str, has_units: bool) -> str:
         return _describe_array(np.asarray(value, dtype=float), *DISPLAY.get(kind, DISPLAY["number"]))
     if isinstance(value, Tracer):
         return f"{value.dtype}{list(value.shape)} (traced)"
-    if hasattr(value, "dtype") and hasattr(value, "shape"):
-        return f"{value.dtype}{list(value.shape)}"
+    dtype, shape = getattr(value, "dtype", None), getattr(value, "shape", None)
+    if dtype is not None and shape is not None:
+        return f"{dtype}{list(shape)}"
     return getattr(value, "__name__", None) or repr(value)
 
 

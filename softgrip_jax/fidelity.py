@@ -274,7 +274,7 @@ def _alone(scene: Scene) -> Iterator[Rung]:
 
 
 def _chamber(scene: pneunet.Chamber) -> Iterator[Rung]:
-    small = pneunet.SmallStrainChamber(scene.finger, ignored_rules=scene.ignored_rules)
+    small = pneunet.SmallStrainChamber(scene.finger, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
     yield Rung(small, ("large strains", "inclination of the walls"), "explicit", 1.0)
     yield Rung(scene, (), "one angle", SHELL_COST)
 
@@ -306,7 +306,7 @@ def _energy(scene: Any) -> Iterator[Rung]:
 def _finger(scene: Any) -> Iterator[Rung]:
     """Every subset of the simplifications with every number of points."""
     if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
-        linear = pneunet.Linear(scene.finger, ignored_rules=scene.ignored_rules)
+        linear = pneunet.Linear(scene.finger, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
         yield Rung(linear, ("large deflections and strains", "all loads"), "explicit", 1.0)
     simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
     if scene.weight is not None:

@@ -162,9 +162,9 @@ def path(
         first = configs.read_numbers(from_kpa, "--from-kPa", "nonnegative", "pressure", [""])
         limit = float(limit_pressure(asked)) if through_limit or to_kpa is None else None
         if to_kpa is None:
-            last = limit
             if limit is None or not np.isfinite(limit):
                 raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
+            last = limit
         else:
             last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
         if through_limit and limit is not None and limit <= last:

@@ -140,7 +140,7 @@ class Chamber(CurveScene):
 
 def within(finger: PneuNet, inclination: Any) -> Chamber:
     """The chamber as a part of another scene, which judges the rules of its parts itself."""
-    return Chamber(finger, inclination, ignored_rules=RULE_NAMES)
+    return Chamber(finger, inclination, ignored_rules=RULE_NAMES)  # pyright: ignore[reportCallIssue]
 
 
 def _one_chamber(scene: Any) -> Any:
@@ -241,8 +241,10 @@ def chamber(
 
     def one(finger, inclination):
         if model == "small":
-            return solve(SmallStrainChamber(finger, ignored_rules=ignored_rules), pressure)
-        return solve(Chamber(finger, inclination, ignored_rules=ignored_rules), pressure)
+            scene = SmallStrainChamber(finger, ignored_rules=ignored_rules)  # pyright: ignore[reportCallIssue]
+            return solve(scene, pressure)
+        scene = Chamber(finger, inclination, ignored_rules=ignored_rules)  # pyright: ignore[reportCallIssue]
+        return solve(scene, pressure)
 
     if finger.segments is None:
         return one(finger, inclination)

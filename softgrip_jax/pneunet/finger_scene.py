@@ -182,11 +182,11 @@ class FingerScene(PathScene):
         @property
         def finger(self) -> PneuNet: ...
 
-        weight: Array | None
-        section: str
-        inclination: str
-        points: int
-        beam: BeamMethod | None
+        weight: Array | None  # pyright: ignore[reportGeneralTypeIssues]
+        section: str  # pyright: ignore[reportGeneralTypeIssues]
+        inclination: str  # pyright: ignore[reportGeneralTypeIssues]
+        points: int  # pyright: ignore[reportGeneralTypeIssues]
+        beam: BeamMethod | None  # pyright: ignore[reportGeneralTypeIssues]
 
     def __check_init__(self) -> None:
         if not isinstance(self.beam, BeamMethod | None):
