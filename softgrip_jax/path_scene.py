@@ -123,7 +123,8 @@ class PathScene(Scene):
             scene, context, span = args
             residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
             passed, wanted = scene.passed(observed), goal(context, u, observed)
-            return residual, wanted if passed is None else jnp.maximum(wanted, passed)
+            # Not jnp.maximum: its derivative compares the result with each side, which XLA may have rounded otherwise.
+            return residual, wanted if passed is None else jnp.where(passed > wanted, passed, wanted)
 
         # Where the pressure alone acts the path is nearly straight.
         by = steps or Steps()

@@ -86,6 +86,15 @@ SHRINKING, FREE_STEPS, DIRECT_STEPS, ARRIVED = 0.5, 3, 20, 1e-8
 leaves its square, which is rounding."""
 
 
+def opening(inclinations: Array) -> Array:
+    """Inclinations of walls that open, zero where they would close.
+
+    Not jnp.maximum: its derivative compares the result with each argument, and where XLA has computed an argument twice
+    and rounded it otherwise, both weights are zero (seen in 0.10.1 without LLVM's optimisation).
+    """
+    return jnp.where(inclinations > 0, inclinations, 0.0)
+
+
 class PartChamber(NamedTuple):
     """One part's chamber: its own dimensions, and how much of the part's turn is its inclination."""
 
@@ -291,7 +300,7 @@ class FingerScene(PathScene):
             return -pressure.active + jnp.zeros(len(turned))
         # A part that bends backwards keeps parallel walls.
         parallel = self.inclination == "none"
-        inclinations = jnp.zeros_like(turned) if parallel else jnp.maximum(parts.chamber.share * turned, 0.0)
+        inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.share * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
     def cover(self, held: Scalar | None, share: Scalar, pressure: Any = None) -> Cover:
@@ -481,7 +490,7 @@ class FingerScene(PathScene):
         if self.inclination == "none" or self.is_cell():
             return {}
         parts, _ = self.chambers()
-        inclinations = jnp.maximum(parts.chamber.share * self.turned(unknowns), 0.0)
+        inclinations = opening(parts.chamber.share * self.turned(unknowns))
 
         def most(chamber, inclination):
             wall = within(self.with_chamber(chamber), inclination)
@@ -489,8 +498,8 @@ class FingerScene(PathScene):
                 return wall.load(jnp.pi + jnp.zeros_like(inclination))
             return wall_limit(wall.finger, inclination)
 
-        most_pressures = jax.vmap(most)(parts.chamber, inclinations)
-        return {Reason.INCLINED_WALL: jnp.max(pressure / most_pressures) - 1}
+        shares = pressure / jax.vmap(most)(parts.chamber, inclinations)
+        return {Reason.INCLINED_WALL: shares[jnp.argmax(shares)] - 1}
 
     def turned(self, unknowns: Array) -> Array:
         """The turn of every part, rad, positive where it bends as the chambers push."""

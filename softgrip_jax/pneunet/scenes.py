@@ -21,7 +21,7 @@ from ..scene import Found
 from .beam import Loads
 from .beam_method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import FingerScene, Scalar, to_weight
+from .finger_scene import FingerScene, Scalar, opening, to_weight
 from .section import axial_stretch
 
 SECTIONS = ("exact", "thesis", "inextensible")
@@ -273,7 +273,7 @@ class Free(FingerScene):
         if self.is_arcs():
             return self.measured_arcs(unknowns, pressure)
         bent = self.bent(unknowns, share, pressure)
-        inclination = jnp.maximum(bent.parts.chamber.share * bent.turned, 0.0)
+        inclination = opening(bent.parts.chamber.share * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
     def passed(self, observed):
@@ -306,7 +306,7 @@ class Free(FingerScene):
         """What the parts carry minus what their chambers apply, and the observables."""
         parts, _ = self.chambers()
         turned, stretch, lengths = self.turns(unknowns)
-        inclination = parts.chamber.share * jnp.maximum(turned, 0.0)
+        inclination = parts.chamber.share * opening(turned)
         x, y = self.arcs(turned, stretch, lengths, 2)
         unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
         observed = {
