@@ -25,7 +25,10 @@ def test_forward_reverse_and_differences_agree(case: Case):
     check(*relative(case, inverse=False))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case.name in INVERSE], ids=str)
+TWICE = [pytest.param(case, marks=pytest.mark.slow) if case.slow else case for case in CASES if case.name in INVERSE]
+
+
+@pytest.mark.parametrize("case", TWICE, ids=str)
 def test_inverse_and_limit_can_be_differentiated_twice(case: Case):
     check(*relative(case, inverse=True))
 
