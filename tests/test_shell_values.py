@@ -62,7 +62,7 @@ def test_contact_begins_where_appendix_a_says():
     ):
         below, above = sg.path(scene, [wanted * (1 - 1e-9), wanted * (1 + 1e-9)]).status
         assert (sg.Status(int(below)), sg.Status(int(above))) == (sg.Status.NO_CONTACT, sg.Status.OK)
-    # Recomputed with an independent solver for issue 2: 2.31593 kPa.
+    # Recomputed with an independent solver: 2.31593 kPa.
     assert wanted / kPa == pytest.approx(2.31593, rel=1e-5)
     nothing = sg.solve(sg.shell.FlatContact(shell(), distance=gap), wanted * 0.5)
     assert float(nothing.force) == 0.0
