@@ -124,7 +124,8 @@ class PathScene(Scene):
             residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
             passed, wanted = scene.passed(observed), goal(context, u, observed)
             # Not jnp.maximum: its derivative compares the result with each side, which XLA may have rounded otherwise.
-            return residual, wanted if passed is None else jnp.where(passed > wanted, passed, wanted)
+            # Where nothing is observed (NaN) the goal is not known either.
+            return residual, wanted if passed is None else jnp.where(passed <= wanted, wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
         by = steps or Steps()

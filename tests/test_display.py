@@ -26,7 +26,8 @@ FINGER = sg.PneuNet.table_5_1("A")
         (
             sg.pneunet.Free(FINGER, clamp_angle=np.pi / 6),
             f"Free(finger={FINGER}, weight=[0, -2] N/m, tip_load=None, clamp_angle=30 deg, section='exact', "
-            "inclination='segment', combination='sum', points=16, loading='first')",
+            "inclination='segment', combination='sum', points=16, loading='first', "
+            "drive='thesis', moment_spread='root')",
         ),
         (
             sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=np.hypot),

@@ -92,7 +92,8 @@ def opening(inclinations: Array) -> Array:
     Not jnp.maximum: its derivative compares the result with each argument, and where XLA has computed an argument twice
     and rounded it otherwise, both weights are zero (seen in 0.10.1 without LLVM's optimisation).
     """
-    return jnp.where(inclinations > 0, inclinations, 0.0)
+    # NaN stays NaN: a turn that is not known has no inclination.
+    return jnp.where(inclinations <= 0, 0.0, inclinations)
 
 
 class PartChamber(NamedTuple):
