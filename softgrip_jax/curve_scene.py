@@ -22,8 +22,8 @@ Scalar = Float[Array, ""]
 BRANCH_CELLS = 512
 """The end of a drawn branch is one of as many places, and with them right to a line's width."""
 DROP, FIRST = 1e-6, np.geomspace(1e-6, 1e-1, 16)
-"""A load falls at first where it is lower by this part at one of these parts of the interval: a dip that is less deep
-lets the state snap by nothing that anybody could see."""
+"""A load falls at first where, at these parts of the interval, it is lower by this part before it is as much higher: a
+dip or a hump that is less lets the state snap by nothing that anybody could see."""
 BEFORE_END = 1e-6
 """The end of the interval itself may be singular (a flat membrane turned inside out): a branch stops so much before."""
 
@@ -97,6 +97,10 @@ class CurveScene(Scene):
         """True where the load grows without bound towards the end of the interval: there is then no limit."""
         return jnp.asarray(False)
 
+    def amplified(self, angle: Scalar) -> Scalar:
+        """How many parts of rounding the load has for one in what it is made of, where that is many."""
+        return jnp.zeros_like(angle)
+
     def may_dip(self) -> bool:
         """Whether the load may fall and rise again. A neo-Hookean membrane's has one maximum at most."""
         return True
@@ -120,8 +124,9 @@ class CurveScene(Scene):
         possible = self.can_exist() & ((start < end) | ~touches)
         drops = jnp.asarray(False)
         if self.may_dip() and self.approach() is not None:
-            lowest = jnp.nanmin(jax.vmap(self.load)(start + (end - start) * FIRST))
-            drops = touches & (lowest < scan.y[0] * (1 - DROP))
+            change = jax.vmap(self.load)(start + (end - start) * FIRST) / scan.y[0] - 1
+            rose = jnp.cumsum(change > DROP) > 0
+            drops = touches & jnp.any((change < -DROP) & ~rose)
         return Climb(scan, end, possible, touches, peak, limit, drops)
 
     def _approached(self, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
@@ -173,7 +178,7 @@ class CurveScene(Scene):
         status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
         # Near the angle where a material locks or an arc closes the load is so steep that no angle in floating point
         # meets a pressure more closely.
-        rounding = crossing.swing / (self.pressure_scale() + jnp.abs(pressure))
+        rounding = crossing.swing / (self.pressure_scale() + jnp.abs(pressure)) + self.amplified(angle)
         return Found(angle, pressure, status, crossing.iterations, rounding=rounding, reason=reason, detail=detail)
 
     def _why(self, climb: Climb) -> Int[Array, ""]:

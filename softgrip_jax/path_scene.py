@@ -17,6 +17,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .checked import choice
+from .numerics.choice import larger
 from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
 from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
@@ -104,9 +105,11 @@ class PathScene(Scene):
     def _start(self, span: Span) -> Vector:
         return jnp.append(self.rest(), jnp.zeros_like(span.loading))
 
-    def _begun(self, u: Vector, span: Span, most: Scalar | float = jnp.inf) -> Vector:
-        """A little further where the pressure begins to act, at most to a place: the path's direction shows there."""
-        return u.at[-1].set(jnp.where(u[-1] >= span.loading, jnp.minimum(span.loading + BEGINNING, most), u[-1]))
+    def _begun(self, u: Vector, span: Span, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
+        """A little further where the pressure begins to act, at most to a place: the path's direction shows there.
+        by: part of the usual way."""
+        further = jnp.minimum(span.loading + BEGINNING * by, most)
+        return u.at[-1].set(jnp.where(u[-1] >= span.loading, further, u[-1]))
 
     def _search(
         self,
@@ -123,9 +126,7 @@ class PathScene(Scene):
             scene, context, span = args
             residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
             passed, wanted = scene.passed(observed), goal(context, u, observed)
-            # Not jnp.maximum: its derivative compares the result with each side, which XLA may have rounded otherwise.
-            # Where nothing is observed (NaN) the goal is not known either.
-            return residual, wanted if passed is None else jnp.where(passed <= wanted, wanted, passed)
+            return residual, wanted if passed is None else larger(wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
         by = steps or Steps()
@@ -304,22 +305,34 @@ class PathScene(Scene):
         return point.at[-1].multiply(step), found
 
     def _legs(self, surplus: Goal, value: Scalar, span: Span) -> tuple[tuple[Search, Search], Float[Array, " 2"]]:
-        """First to where the pressure begins to act, then to the target, and the pressures there."""
+        """First to where the pressure begins to act, then to the target, and the pressures there.
+
+        What was not found because it lies far behind where the second leg began is sought once more from close to where
+        the pressure begins to act: there the state may change with a root of the place.
+        """
 
         def goal(context, u, observed):
             is_loading, value, loading = context
             return jnp.where(is_loading, u[-1] - loading, surplus(value, u, observed))
 
-        def leg(u, is_loading):
-            """One program for both."""
-            u = jnp.where(is_loading, u, self._begun(u, span))
-            found = self._search(u, goal, (is_loading, value, span.loading), span)
+        def leg(carry, number):
+            """One program for all."""
+            loaded, before = carry
+            is_loading, again = number == 0, number == 2
+            by = jnp.where(again, MUCH_CLOSER, 1.0)
+            u = jnp.where(is_loading, loaded, self._begun(loaded, span, by=by))
+            is_there = again & (before.status != Status.NOT_CONVERGED)
+            found = self._search(u, goal, (is_loading, value, span.loading), span, is_there=is_there)
+            found = select(is_there, before, found)
             u = found.u.at[-1].set(jnp.where(is_loading, span.loading, found.u[-1]))
-            return u, (found._replace(u=u), span.pressure_at(u))
+            found = found._replace(u=u)
+            return (jnp.where(is_loading, u, loaded), found), (found, span.pressure_at(u))
 
-        _, (both, pressures) = lax.scan(leg, self._start(span), jnp.array([True, False]))
-        loaded, reached = (jax.tree.map(lambda v, k=k: v[k], both) for k in (0, 1))
-        return (loaded, reached), pressures
+        start = self._start(span)
+        none = Search(start, jnp.asarray(Status.OK), jnp.asarray(0), jnp.asarray(0), jnp.full_like(value, jnp.nan))
+        _, (legs, pressures) = lax.scan(leg, (start, none), jnp.arange(3))
+        loaded, reached = (jax.tree.map(lambda v, k=k: v[k], legs) for k in (0, 2))
+        return (loaded, reached), pressures[jnp.array([0, 2])]
 
     def _legs_together(self, surplus: Goal, value: Scalar, span: Span):
         """As `_legs`: first to a moderate pressure and all of the loads at once, then with the loads to the target,
@@ -329,7 +342,7 @@ class PathScene(Scene):
         def goal(context, u, observed):
             is_loading, value, loading, down, last = context
             over = surplus(value, u, observed)
-            over = jnp.where(down, jnp.maximum(-over, u[-1] - last), over)
+            over = jnp.where(down, larger(-over, u[-1] - last), over)
             return jnp.where(is_loading, u[-1] - loading, over)
 
         def leg(u, is_loading):
@@ -457,6 +470,8 @@ def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
     return u[-1] - place
 
 
+MUCH_CLOSER = 1e-4
+"""Of `BEGINNING`: a second try to find a value begins so close to where the pressure begins to act."""
 AT_THE_EDGE = 1e-5
 """A path that ends is at the edge of the model where no more than this part is left of what a part can hold: its last
 steps are SMALLEST_STEP, 1e-7, long."""

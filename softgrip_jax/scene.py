@@ -28,6 +28,8 @@ Scalar = Float[Array, ""]
 
 RESIDUAL_EPS = 4096
 """A root counts as found when its scaled residual is under RESIDUAL_EPS machine epsilons: 9e-13 in float64."""
+ROUNDING_EPS = 64
+"""... and so many more for each part of rounding that the equations make of one (seen next to a lock: 5)."""
 
 
 FALLEN = 0.5
@@ -186,7 +188,11 @@ class Scene(Checked):
         seen = found.seen or frozen(self).searched().evaluated(found.unknowns, found.pressure)
         own = jnp.max(jnp.abs(jnp.atleast_1d(seen[0])))
         # Rounding leaves a residual in proportion to the unknowns.
-        own = own / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns))) / (1 + found.rounding)
+        own = (
+            own
+            / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns)))
+            / (1 + found.rounding * (ROUNDING_EPS / RESIDUAL_EPS))
+        )
         residual = jnp.maximum(own, jnp.abs(found.mismatch))
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small

@@ -64,7 +64,8 @@ class Crossing(NamedTuple):
     scale: Scalar
     """The change of the curve over the cell of the crossing: what its rounding errors are measured by."""
     swing: Scalar
-    """|x times the slope|: rounding of x leaves eps times this of the curve."""
+    """|slope| times the larger of |x| and one: rounding leaves eps times this of the curve. x may count from anywhere;
+    the angles that a curve is made of are of the order of one."""
 
 
 def slope_of(function: Function) -> Function:
@@ -185,6 +186,6 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     guess = x[low] + (high - x[low]) * (target - y[low]) / jnp.where(rise == 0, 1.0, rise)
     high = jnp.where(exists, high, x[low])  # nothing is looked for where there is nothing
     root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
-    swing = jnp.abs(root.x * root.slope)
+    swing = jnp.abs(root.slope) * jnp.maximum(jnp.abs(root.x), 1.0)
     swing = jnp.where(jnp.isfinite(swing), swing, 0.0)
     return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))

@@ -105,27 +105,29 @@ def newton_bracketed(
     eps = jnp.finfo(low.dtype).eps
 
     def step(state):
-        x, low, high, last, _, _, count = state
+        x, low, high, last, newton, _, _, count = state
         f, slope = jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),))
         above = f > 0
         low, high = jnp.where(above, low, x), jnp.where(above, x, high)
         move = f / slope
-        # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything.
+        # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything. The
+        # first move and one that follows a bisection tell nothing (`newton` is zero then), however short they are.
         size = jnp.abs(move)
-        settled = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * last**2)
+        settled = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * newton**2)
         settled |= size <= eps * jnp.abs(x)
         good = (x - move > low) & (x - move < high) & (jnp.abs(move) <= 0.5 * last)
         middle = 0.5 * (low + high)
         new = jnp.where(settled, jnp.clip(x - move, low, high), jnp.where(good, x - move, middle))
-        return new, low, high, jnp.where(settled, 0.0, jnp.abs(new - x)), settled, slope, count + 1
+        last = jnp.where(settled, 0.0, jnp.abs(new - x))
+        return new, low, high, last, jnp.where(good, size, 0.0), settled, slope, count + 1
 
     def busy(state):
-        x, low, high, _, settled, _, count = state
+        x, low, high, _, _, settled, _, count = state
         return ~settled & (high - low > 2 * eps * jnp.abs(x)) & (count < MAX_BRACKET_STEPS)
 
     inside = (guess >= low) & (guess <= high)
-    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, high - low, jnp.asarray(False))
-    start = (*start, jnp.zeros_like(high), jnp.asarray(0))
+    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, high - low)
+    start = (*start, jnp.zeros_like(high), jnp.asarray(False), jnp.zeros_like(high), jnp.asarray(0))
     x, *_, slope, count = lax.while_loop(busy, step, start)
     return Root(x, count, slope)
 

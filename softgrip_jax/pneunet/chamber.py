@@ -19,6 +19,7 @@ from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
 from ..errors import InputError
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
+from ..numerics.choice import larger
 from ..numerics.once import differentiated_once
 from ..numerics.roots import bracketed_root, implicit, newton_bracketed
 from ..reasons import RULE_NAMES
@@ -301,7 +302,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
 
 def touching_angle(finger: PneuNet) -> Scalar:
     """theta_m2 where parallel walls touch: the free arc that reaches the plane, (4.15)."""
-    return jnp.maximum(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
+    return larger(2 * jnp.arctan(finger.h_x / finger.a), LEAST_ANGLE)
 
 
 def pressure_of_moment(finger: PneuNet, moment: Scalar, wanted: Bool[Array, ""] | bool = True) -> Scalar:

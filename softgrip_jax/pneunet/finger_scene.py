@@ -19,13 +19,14 @@ from jaxtyping import Array, Bool, Float
 
 from ..checked import choice, is_concrete, to_float_array
 from ..errors import CellRangeWarning, InputError
+from ..numerics.choice import larger, smallest
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
 from ..numerics.queue import in_slots
 from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
-from ..scene import RESIDUAL_EPS, Found
+from ..scene import RESIDUAL_EPS, ROUNDING_EPS, Found
 from ..spans import LATER, Span
 from .beam import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
 from .beam_method import POINTS, BeamMethod, Collocation, Shooting
@@ -87,13 +88,8 @@ leaves its square, which is rounding."""
 
 
 def opening(inclinations: Array) -> Array:
-    """Inclinations of walls that open, zero where they would close.
-
-    Not jnp.maximum: its derivative compares the result with each argument, and where XLA has computed an argument twice
-    and rounded it otherwise, both weights are zero (seen in 0.10.1 without LLVM's optimisation).
-    """
-    # NaN stays NaN: a turn that is not known has no inclination.
-    return jnp.where(inclinations <= 0, 0.0, inclinations)
+    """Inclinations of walls that open, zero where they would close."""
+    return larger(0.0, inclinations)
 
 
 class PartChamber(NamedTuple):
@@ -478,8 +474,8 @@ class FingerScene(PathScene):
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
         if self.is_cell():
             end = LARGEST_PRESSURE * finger.material.shear_modulus()
-            return Span(loading, 0 * loading, jnp.min(scale), end, LATER + 0 * loading)
-        numbers = (loading, jnp.min(begin), jnp.min(scale), jnp.min(end))
+            return Span(loading, 0 * loading, smallest(scale), end, LATER + 0 * loading)
+        numbers = (loading, smallest(begin), smallest(scale), smallest(end))
         if self.is_driven_by_moment():
             wall = within(finger, jnp.zeros_like(finger.L))
             most = wall.observe(jnp.pi + jnp.zeros_like(finger.L), numbers[-1])["end_moment"]
@@ -551,8 +547,9 @@ class FingerScene(PathScene):
         method = self.method()
         if not isinstance(method, Shooting) or method.steps is not None:
             return found
-        rounding = jnp.finfo(found.pressure.dtype).eps * RESIDUAL_EPS
-        return found._replace(rounding=jnp.maximum(found.rounding, PART_OF_TOLERANCE * method.rtol / rounding - 1))
+        eps = jnp.finfo(found.pressure.dtype).eps
+        left = (PART_OF_TOLERANCE * method.rtol / eps - RESIDUAL_EPS) / ROUNDING_EPS
+        return found._replace(rounding=jnp.maximum(found.rounding, left))
 
     def is_resolved(self, unknowns: Array) -> Bool[Array, ""]:
         """False where the points, or the equal steps, along the beam are too few for its shape."""

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ..checked import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..errors import InputError
+from ..numerics.choice import larger, smaller, smallest
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit
 from ..objects import Object, Taper, friction_force, required_normal_force
@@ -158,7 +159,7 @@ class Grasp(HeldTip):
         gripper, finger, held = self.gripper, self.finger, self.object
         stand = self.stand_distance
         # Of what tapers the widest place beside the finger is the lowest one: at its tip, or where the object stands.
-        lowest = 0.0 * finger.L if stand is None else jnp.maximum(stand - finger.L, 0.0)
+        lowest = 0.0 * finger.L if stand is None else larger(stand - finger.L, 0.0)
         clear = gripper.base_radius - held.radius_at(lowest) if self.tip_offset is None else -self.tip_offset
         margins = super().margins_at_rest() | {
             "clear_of_object_at_rest": clear,
@@ -178,15 +179,15 @@ class Grasp(HeldTip):
         x, y = (finger.L * at for at in line_inside(line, parts, depth / finger.L, points))
         radius = gripper.midline_radius() + y
         end = finger.L * line.ends[1][-1] - depth * jnp.cos(line.angles[-1])
-        nearest = jnp.minimum(jnp.min(radius), gripper.midline_radius() + end)
+        nearest = smaller(smallest(radius), gripper.midline_radius() + end)
         margins = super().margins_of_state(unknowns, pressure) | {
             "clear_of_clamp": clear_of_clamp(finger, parts, line, points),
             "fingers_apart": side_by_side(nearest, gripper.n, finger.B),
         }
         if self.tip_offset is None:
             # At the tip itself the two just touch, so the points before it are asked.
-            height = 0.0 * x if self.stand_distance is None else jnp.maximum(self.stand_distance - x, 0.0)
-            margins["clear_of_object"] = jnp.min(radius - self.object.radius_at(height))
+            height = 0.0 * x if self.stand_distance is None else larger(self.stand_distance - x, 0.0)
+            margins["clear_of_object"] = smallest(radius - self.object.radius_at(height))
         return margins
 
     def target(self):
@@ -240,7 +241,7 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
         return jnp.append(*along(u, args))
 
     mass = implicit(equations, end.u, (scene, pressure, unit))[-1] * unit
-    return jnp.where(ok, jnp.maximum(mass, 0.0), jnp.nan)
+    return jnp.where(ok, larger(mass, 0.0), jnp.nan)
 
 
 def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics.choice import larger, largest, smaller, smallest
 from ..numerics.collocation import Points, between, integrals
 from .beam import AtPoints, Line, Part
 from .finger import PneuNet
@@ -26,11 +27,11 @@ def margins_of_parts(finger: PneuNet) -> dict[str, Scalar]:
     """
     room = finger.h_L
     if finger.segments is not None:
-        room = jnp.minimum(room, finger.segment_lengths - 2 * finger.h_x)
+        room = smaller(room, finger.segment_lengths - 2 * finger.h_x)
     return {
-        "walls_fit": jnp.min(room - 2 * finger.t_m),
-        "chamber_on_cover": jnp.min(finger.B - 2 * finger.b),
-        "one_segment": finger.L - jnp.max(finger.pitch),
+        "walls_fit": smallest(room - 2 * finger.t_m),
+        "chamber_on_cover": smallest(finger.B - 2 * finger.b),
+        "one_segment": finger.L - largest(finger.pitch),
     }
 
 
@@ -49,7 +50,7 @@ def gap_over(turn: Array, pitch: Array, length: Array, height: Array, foot: Scal
     """
     half = 0.5 * turn
     z = jnp.where(half > 0, foot + height, foot)
-    half = jnp.minimum(half, jnp.arctan2(2 * z, length))
+    half = smaller(half, jnp.arctan2(2 * z, length))
     return pitch * jnp.sinc(half / jnp.pi) - 2 * z * jnp.sin(half) - length * jnp.cos(half)
 
 
@@ -66,22 +67,22 @@ def chambers_apart(finger: PneuNet, parts: Part, curvature: AtPoints, points: Po
     if finger.segments is not None and finger.segments > 1:
         turns = (curvature @ points.weights) * pitch
         turn = 0.5 * (turns[1:] + turns[:-1])
-        height = 2 * jnp.minimum(fields["a"][1:], fields["a"][:-1])
+        height = 2 * smaller(fields["a"][1:], fields["a"][:-1])
         sides = [
             gap_over(turn, finger.L * pitch[side], fields["h_L"][side], height, foot)
             for side in (slice(1, None), slice(-1))
         ]
-        return 0.5 * jnp.min(sides[0] + sides[1])
-    first = jnp.minimum(pitch[0], 1.0)
-    last = jnp.maximum(1 - first, first)
+        return 0.5 * smallest(sides[0] + sides[1])
+    first = smaller(pitch[0], 1.0)
+    last = larger(1 - first, first)
     places = parts.low[:, None] + widths[:, None] * points.places[None]
     if len(widths) == 1:
         ends = [between(curvature, place, 0, points)[0] for place in (first, last)]
     else:
         ends = [jnp.interp(place, places.reshape(-1), curvature.reshape(-1)) for place in (first, last)]
     inside = (places > first) & (places < last)
-    most = jnp.max(jnp.where(inside, curvature, ends[0]))
-    most = jnp.maximum(most, ends[1])
+    most = largest(jnp.where(inside, curvature, ends[0]))
+    most = larger(most, ends[1])
     return gap_over(most * pitch[0], finger.pitch.reshape(-1)[0], fields["h_L"][0], 2 * fields["a"][0], foot)
 
 
@@ -90,12 +91,12 @@ def clear_of_clamp(finger: PneuNet, parts: Part, line: Line, points: Points) -> 
     fields, foot = parts.chamber.fields, 0.5 * finger.H
     widths = parts.high - parts.low
     pitch = 2 * fields["h_x"][0] + fields["h_L"][0]
-    local = jnp.minimum(0.5 * pitch / (finger.L * widths[0]), 1.0)
+    local = smaller(0.5 * pitch / (finger.L * widths[0]), 1.0)
     turn = widths[0] * between(line.curvature, local, 0, points)[1]
     first = 0.5 * gap_over(2 * turn, pitch, fields["h_L"][0], 2 * fields["a"][0], foot)
     x = integrals(line.slopes[0], widths, points)[0]
     outer = (parts.low[:, None] + widths[:, None] * points.places[None]) >= 0.5
-    return jnp.minimum(first, finger.L * jnp.min(jnp.where(outer, x, jnp.inf)))
+    return smaller(first, finger.L * smallest(jnp.where(outer, x, jnp.inf)))
 
 
 def line_inside(

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from ..checked import choice, count, finite, part, vector
 from ..errors import InputError
 from ..membrane import arc_chain
+from ..numerics.choice import larger, largest, smaller
 from ..numerics.roots import bracketed_root
 from ..path_scene import asked_for
 from ..reasons import Reason
@@ -56,7 +57,7 @@ class HeldTip(FingerScene):
     def way_aside(self) -> Scalar:
         """The least |y| (m) at which the tip may be held, wherever along the finger that is."""
         here, there = self.offset_at(jnp.zeros_like(self.finger.L)), self.offset_at(self.finger.L)
-        nearest = jnp.minimum(jnp.abs(here), jnp.abs(there))
+        nearest = smaller(jnp.abs(here), jnp.abs(there))
         return jnp.where(here * there > 0, nearest, 0.0)
 
     def sideways(self) -> Scalar:
@@ -65,7 +66,7 @@ class HeldTip(FingerScene):
         slack = 1 - self.way_aside() / self.finger.L
         growth = UPRIGHT / jnp.maximum(slack, LEAST_SLACK)
         if self.section != "inextensible":
-            growth = jnp.minimum(growth, 2 * jnp.cbrt(12 * (self.finger.L / self.finger.H) ** 2 * UPRIGHT))
+            growth = smaller(growth, 2 * jnp.cbrt(12 * (self.finger.L / self.finger.H) ** 2 * UPRIGHT))
         is_far = (slack < FAR_ASIDE) & ((slack > 0) | ("tip_in_reach" in self.ignored_rules))
         return jnp.where(is_far, growth**2 * self.held_unit(), 0.0)
 
@@ -73,7 +74,7 @@ class HeldTip(FingerScene):
         length = self.finger.L
         own = {"tip_in_reach": length - self.way_aside()}
         if self.section != "inextensible":
-            stretch = axial_stretch(jnp.maximum(self.pull(), 0.0) / self.finger.force_scale())
+            stretch = axial_stretch(larger(self.pull(), 0.0) / self.finger.force_scale())
             own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
         return super().margins_at_rest() | own
 
@@ -285,7 +286,7 @@ class Free(FingerScene):
             return super().spent(unknowns, pressure)
         moments = jnp.abs(unknowns) * self.finger.H / self.finger.L / 3
         return super().spent(unknowns, pressure) | {
-            Reason.SECTION_FULL: jnp.max(moments) / self.law().largest_moment - 1
+            Reason.SECTION_FULL: largest(moments) / self.law().largest_moment - 1
         }
 
     def turned(self, unknowns):
@@ -326,7 +327,7 @@ class Free(FingerScene):
         parts, _ = self.chambers()
         lever = (1 - 0.5 * (parts.low + parts.high)) * self.finger.L
         hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
-        return jnp.maximum(pushes, -hanging / (unit * self.finger.moment_scale()))
+        return larger(pushes, -hanging / (unit * self.finger.moment_scale()))
 
     def find_along(self, pressure, steps=None):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from ..checked import positive
 from ..curve_scene import Approach
 from ..membrane import angle_of_stretch, arc_chain, contact_half_width
+from ..numerics.choice import smaller
 from ..reasons import Reason
 from ..scene import Scene
 from .energy_contacts import EnergyCylinder
@@ -80,7 +81,7 @@ class CylinderContact(ShellScene):
         return used_up, jnp.where(sine2 < ALMOST_ONE, covered, used_up)
 
     def geometry(self):
-        return jnp.zeros_like(self.gap), jnp.minimum(*self.ends())
+        return jnp.zeros_like(self.gap), smaller(*self.ends())
 
     def end_reason(self):
         used_up, covered = self.ends()
@@ -182,7 +183,7 @@ class AxialOffset(CylinderContact):
         return 2 * b - self.height - used, self.height - used
 
     def reach(self):
-        return jnp.minimum(self.height, 2 * self.shell.b - self.height) - self.shell.a
+        return smaller(self.height, 2 * self.shell.b - self.height) - self.shell.a
 
     def observe(self, angle, pressure):
         far, near = self.flat_lengths(self.state(angle))

@@ -108,6 +108,12 @@ class ShellScene(CurveScene):
         """Positive where the material can follow the stretch."""
         return self.shell.material.stretchable(*self.stretches(angle))
 
+    def amplified(self, angle):
+        if not has_largest_stretch(self.shell.material):
+            return jnp.zeros_like(angle)
+        # The tension goes with one over what is left to the lock.
+        return 1 / jnp.maximum(self.stretchable(angle), jnp.finfo(angle.dtype).eps)
+
     def unbounded(self) -> Bool[Array, ""]:
         end = self.interval()[1]
         endless = jnp.asarray(False)

@@ -11,6 +11,7 @@ from jax import lax
 
 from ..checked import choice, is_concrete, nonnegative
 from ..errors import InputError
+from ..numerics.choice import smaller
 from ..objects import friction, friction_coefficient, friction_force, required_normal_force
 from ..scene import Scene
 from ..units import GRAVITY
@@ -163,7 +164,7 @@ def holding(grasp: Grasp | EnergyGrasp, force: Scalar, resistance: Scalar) -> di
     return {
         "required_force": required_normal_force(grasp.friction, share),
         "tilt_resistance": resistance,
-        "security": jnp.minimum(lift, tilt),
+        "security": smaller(lift, tilt),
     }
 
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ..checked import choice, is_concrete, part
 from ..errors import JoinedRuleError
+from ..numerics.choice import smallest
 from .basis import Grid
 from .energy_maps import shape_observables
 from .energy_scene import EnergyScene, Vector
@@ -153,7 +154,7 @@ class ObstacleContact(EnergyScene):
         clamped edges, at FACE x FACE points."""
         x, y = (part.reshape(-1) for part in np.meshgrid(*[np.linspace(-1, 1, FACE)] * 2))
         places = jnp.stack([self.shell.a * x, self.shell.b * y, jnp.zeros_like(self.shell.a * x)], axis=-1)
-        return {"membrane_clear_at_rest": jnp.min(jax.vmap(self.body.distance)(places))}
+        return {"membrane_clear_at_rest": smallest(jax.vmap(self.body.distance)(places))}
 
     @property
     def grid(self):

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..checked import Checked, finite, positive
 from ..names import listing
+from ..numerics.choice import larger, smaller
 
 Scalar = Float[Array, ""]
 Place = Float[Array, "3"]
@@ -110,7 +111,8 @@ class Box(Obstacle):
         c, s = jnp.cos(self.heading), jnp.sin(self.heading)
         turned = jnp.stack([c * arm[0] + s * arm[1], c * arm[1] - s * arm[0], arm[2]])
         beyond = jnp.abs(turned) - jnp.stack([self.half_x, self.half_y, self.half_z]) + self.rounding
-        return length(jnp.maximum(beyond, 0.0)) + jnp.minimum(jnp.max(beyond), 0.0) - self.rounding
+        least = smaller(larger(larger(beyond[0], beyond[1]), beyond[2]), 0.0)
+        return length(larger(beyond, 0.0)) + least - self.rounding
 
 
 class Shape(Obstacle):

@@ -106,6 +106,18 @@ def test_newtons_method_takes_few_steps_from_a_good_guess_and_none_in_an_empty_b
     assert (float(empty.x), int(empty.iterations)) == (0.4, 0)
 
 
+def test_a_short_first_move_does_not_tell_that_the_search_is_over():
+    """Next to a pole of p(x) = 1 / (POLE - x) a guess that is off by a hundredth of the distance needs three steps."""
+    pole = 1.0 + 1e-6
+
+    def off_target(x):
+        return 1 / (pole - x) - 1e6
+
+    found = newton_bracketed(off_target, jnp.asarray(0.5), jnp.asarray(1.0 + 5e-7), jnp.asarray(1.0 + 1e-8))
+    assert abs(float(found.x) - 1) < 1e-15
+    assert float(found.iterations) > 2
+
+
 def test_no_derivative_passes_through_a_search():
     def root(c):
         def function(x):

@@ -86,7 +86,13 @@ def reference_branch(kind: Kind, numbers: dict) -> dict[str, np.ndarray]:
     if kind.square:
         # It presses from where c_1 + c_2 = 0, or never; before, the model has it inflate freely.
         wide = kind.load(angle, numbers)[1][0] >= 0
-        begins = np.where(np.any(wide, axis=0), _at(pressure, np.argmax(wide, axis=0)), np.inf)
+        k = np.argmax(wide, axis=0)
+        below, above = _at(angle, np.maximum(k - 1, 0)), _at(angle, k)
+        for _ in range(50):  # the pressure of one cell further on may be more than the free membrane's limit
+            middle = 0.5 * (below + above)
+            is_wide = kind.load(middle, numbers)[1][0] >= 0
+            below, above = np.where(is_wide, below, middle), np.where(is_wide, middle, above)
+        begins = np.where(np.any(wide, axis=0), kind.load(above, numbers)[0], np.inf)
     quiet, peak = ref.approach(ref.free_square if kind.square else ref.free, numbers, touch, begins)
     return {
         "angle": angle,
@@ -165,7 +171,8 @@ def violations(kind_name: str, law_name: str, draw: np.random.Generator, n: int,
         # A load that falls at first, by less than a cell shows, ends where it begins.
         first = np.geomspace(1e-8, 1e-2, 25)[:, None] * (scan["angle"][-1] - scan["angle"][0]) + scan["angle"][0]
         numbers_of = for_reference(law, numbers, constants)
-        falls = np.nanmin(kind.load(first, numbers_of)[0], axis=0) < pressure[0] * (1 - FALL)
+        change = kind.load(first, numbers_of)[0] / pressure[0] - 1
+        falls = np.any((change < -FALL) & ~np.maximum.accumulate(change > FALL, axis=0), axis=0)
         own_limit = np.where(falls & touches, pressure[0], own_limit)
         scanned = np.where(scan["quiet"], own_limit, scan.get("free_limit", np.inf))
         sure = possible & np.isfinite(scanned)
