@@ -33,13 +33,13 @@ from pymoo.optimize import minimize
 from scipy.optimize import differential_evolution
 
 from benchmarks.speed import thesis_peer
-from optim import settings
-from optim.objectives import Problem
-from optim.pareto import pareto
-from optim.search import CPU_CHUNK, FEASIBLE, Evaluator
+from optim.design import settings
+from optim.design.descent import CPU_CHUNK, FEASIBLE, Evaluator
+from optim.design.pareto import pareto
+from optim.problem import Problem
 from softgrip_jax import config as configs
 
-searching = importlib.import_module("optim.search")
+searching = importlib.import_module("optim.design.descent")
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 SEARCHES = {
     "a": "finger_tip_force.toml",

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from rich.console import Console
 
 import softgrip_jax as sg
-from optim.calibrate_run import run_calibrate
-from optim.run import run_design
+from optim.calibration.run import run_calibrate
+from optim.design.run import run_design
 from softgrip_jax import plots, thesis
 from softgrip_jax.plots import animate
 from softgrip_jax.plots.figures import BLUE, BODY, ORANGE, STYLE, VERMILION

@@ -26,7 +26,7 @@ import numpy as np
 
 import optim
 import softgrip_jax as sg
-from optim.curve_files import Column, read_columns
+from optim.calibration.data import Column, read_columns
 from softgrip_jax import plots
 from softgrip_jax.units import kPa, mm
 

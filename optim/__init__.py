@@ -6,22 +6,22 @@
 
 from softgrip_jax.names import listing as _listing
 
-from .calibrate import Fit as Fit
-from .calibrate import calibrate as calibrate
-from .curve_files import Curve as Curve
-from .fitting import Fitting as Fitting
-from .intervals import intervals as intervals
-from .objectives import Goal as Goal
-from .objectives import Limits as Limits
-from .objectives import Problem as Problem
-from .objectives import Quantity as Quantity
-from .pareto import Front as Front
-from .pareto import pareto as pareto
-from .run import load_run as load_run
-from .search import SearchResult as SearchResult
-from .search import search as search
-from .tension import Tension as Tension
-from .variables import Space as Space
-from .variables import Variable as Variable
+from .calibration.data import Curve as Curve
+from .calibration.fit import Fit as Fit
+from .calibration.fit import calibrate as calibrate
+from .calibration.intervals import intervals as intervals
+from .calibration.model import Fitting as Fitting
+from .design.descent import SearchResult as SearchResult
+from .design.descent import search as search
+from .design.pareto import Front as Front
+from .design.pareto import pareto as pareto
+from .design.run import load_run as load_run
+from .problem import Goal as Goal
+from .problem import Limits as Limits
+from .problem import Problem as Problem
+from .problem import Quantity as Quantity
+from .space import Space as Space
+from .space import Variable as Variable
+from .tension.test import Tension as Tension
 
 __dir__ = _listing(globals(), "Quantity")

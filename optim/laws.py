@@ -17,7 +17,7 @@ import numpy as np
 import softgrip_jax as sg
 from softgrip_jax.checked import Checked
 
-from .variables import Space
+from .space import Space
 
 ACTUATORS = {sg.PneuNet: "finger", sg.FlatShell: "shell"}
 """What is shared, and what people call it."""

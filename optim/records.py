@@ -18,9 +18,9 @@ from softgrip_jax.results import Status
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
 from . import rules
-from .objectives import Problem
-from .search import Design
-from .settings import asked_first
+from .design.descent import Design
+from .design.settings import asked_first
+from .problem import Problem
 
 
 def next_command(problem: Problem, file: Path, design: Design) -> str:

@@ -9,8 +9,8 @@ import pytest
 from conftest import ROOT
 
 import softgrip_jax as sg
-from optim import settings
-from optim.objectives import Goal
+from optim.design import settings
+from optim.problem import Goal
 from softgrip_jax import config as configs
 from softgrip_jax import thesis
 from softgrip_jax.cli import MISTAKE, run

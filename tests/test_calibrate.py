@@ -10,14 +10,14 @@ import reference
 from scipy import optimize, stats
 
 import softgrip_jax as sg
-from optim.calibrate import calibrate, implausible
-from optim.cross_checks import by_specimen, held_out
-from optim.curve_files import Curve
-from optim.fitting import CAUCHY, HUBER, SOFT_L1, Fitting
-from optim.identify import unknown_directions
-from optim.intervals import bootstrap_fits, intervals
-from optim.tension import Tension
-from optim.variables import Variable, to_free
+from optim.calibration.cross_validation import by_specimen, held_out
+from optim.calibration.data import Curve
+from optim.calibration.fit import calibrate, implausible
+from optim.calibration.identifiability import unknown_directions
+from optim.calibration.intervals import bootstrap_fits, intervals
+from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
+from optim.space import Variable, to_free
+from optim.tension.test import Tension
 from softgrip_jax.units import kPa, mm
 
 A, B, T = 16 * mm, 43 * mm, 1.1 * mm
@@ -227,7 +227,7 @@ def test_mu_tuned_in_free_space_predicts_the_force():
     """Finite elements (FElupe 11.3, see configs/data): tuned, the force is nearer than with the elements' own mu."""
     from conftest import ROOT
 
-    from optim import calibrate_settings
+    from optim.calibration import settings as calibrate_settings
     from softgrip_jax import config as configs
 
     problem = calibrate_settings.read(configs.load(ROOT / "configs" / "calibrate_shell.toml")).fitting

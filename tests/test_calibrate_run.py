@@ -11,8 +11,9 @@ import pytest
 from conftest import ROOT
 
 import softgrip_jax as sg
-from optim import calibrate_report, settings
-from optim.curve_files import Column, read_columns
+from optim.calibration import report as calibrate_report
+from optim.calibration.data import Column, read_columns
+from optim.design import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
 
@@ -197,7 +198,7 @@ def test_pressures_in_the_wrong_unit_have_no_equilibrium(tmp_path, capsys):
 
 
 def test_a_pressure_that_falls_again_is_said(tmp_path):
-    from optim.curve_files import check_pressures
+    from optim.calibration.data import check_pressures
 
     up = np.linspace(0, 10, 11)
     assert check_pressures("free", up, tmp_path / "a.csv") == []

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import softgrip_jax as sg
-from optim.calibrate import calibrate
-from optim.curve_files import Curve
-from optim.fitting import Fitting
-from optim.intervals import bootstrap_fits
-from optim.variables import Variable, to_free
+from optim.calibration.data import Curve
+from optim.calibration.fit import calibrate
+from optim.calibration.intervals import bootstrap_fits
+from optim.calibration.model import Fitting
+from optim.space import Variable, to_free
 from softgrip_jax.units import kPa, mm
 
 

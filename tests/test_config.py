@@ -12,7 +12,7 @@ from conftest import ROOT
 from jaxtyping import Array, Float
 
 import softgrip_jax as sg
-from optim import calibrate_settings
+from optim.calibration import settings as calibrate_settings
 from softgrip_jax import checked, config, units
 from softgrip_jax.objects import FrictionTable
 from softgrip_jax.scene import Scene

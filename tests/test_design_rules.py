@@ -15,13 +15,13 @@ from rich.console import Console
 from scipy.optimize import brentq
 
 import softgrip_jax as sg
-from optim import settings
+from optim.design import settings
+from optim.design.descent import Evaluator, search
+from optim.design.pareto import pareto
 from optim.laws import differing_laws
-from optim.objectives import Goal, Limits, Problem, Quantity
-from optim.pareto import pareto
+from optim.problem import Goal, Limits, Problem, Quantity
 from optim.records import agreed, design_row, in_si
-from optim.search import Evaluator, search
-from optim.variables import Space, Variable
+from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.quantities import kind_of
@@ -30,7 +30,7 @@ from softgrip_jax.results import Status
 from softgrip_jax.sections import quantity
 from softgrip_jax.units import kPa, mm
 
-runs = importlib.import_module("optim.run")
+runs = importlib.import_module("optim.design.run")
 
 FINGER = sg.PneuNet.table_5_1("A")
 PRESSURE = 10 * kPa

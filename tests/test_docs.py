@@ -8,8 +8,8 @@ import jax
 import pytest
 from conftest import ROOT
 
-from optim.calibrate_settings import CalibrateTable
-from optim.settings import DesignTable
+from optim.calibration.settings import CalibrateTable
+from optim.design.settings import DesignTable
 from softgrip_jax.sensitivity import SensitivityTable
 from softgrip_jax.sweep import SweepTable
 

@@ -16,7 +16,7 @@ from softgrip_jax.errors import ConfigError, InputError, located
 FILES = sorted([*(ROOT / "softgrip_jax").rglob("*.py"), *(ROOT / "optim").rglob("*.py")])
 TESTED = {
     "softgrip_jax/cli/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
-    "optim/finish.py": "what one thread raises is raised again in the others",
+    "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
     "softgrip_jax/study/folder.py": "a chunk that cannot be read, for whatever reason, is computed again",
 }
@@ -85,12 +85,12 @@ CALLS = {
     "path": ("shell_free", "softgrip_jax.scene.limit_pressure"),
     "sweep": ("shell_sweep", "softgrip_jax.sweep.Study"),
     "sensitivity": ("shell_free", "softgrip_jax.sensitivity.sensitivity"),
-    "design": ("shell_grasp", "optim.run.search"),
-    "design of a front": ("shell_trade_off", "optim.front_run.pareto"),
-    "design, its problem": ("shell_grasp", "optim.settings.Problem"),
-    "calibrate": ("calibrate_shell", "optim.calibrate_run.calibrate"),
-    "calibrate, its models": ("calibrate_shell", "optim.calibrate_settings.Fitting"),
-    "calibrate, a tension test": ("calibrate_tension", "optim.tension_run.compare"),
+    "design": ("shell_grasp", "optim.design.run.search"),
+    "design of a front": ("shell_trade_off", "optim.design.front_run.pareto"),
+    "design, its problem": ("shell_grasp", "optim.design.settings.Problem"),
+    "calibrate": ("calibrate_shell", "optim.calibration.run.calibrate"),
+    "calibrate, its models": ("calibrate_shell", "optim.calibration.settings.Fitting"),
+    "calibrate, a tension test": ("calibrate_tension", "optim.tension.run.compare"),
     "solve, its scene": ("shell_free", "softgrip_jax.shell.free.Free.__check_init__"),
 }
 """Command -> (config, what it calls that may raise anything)."""
@@ -106,10 +106,10 @@ def test_every_command_tells_a_mistake_from_a_fault(command, mistake, monkeypatc
             raise InputError("The number is -1; it must be positive.")
         raise ValueError("zero-size array to reduction operation maximum which has no identity")
 
-    importlib.import_module("optim.tension_run")
+    importlib.import_module("optim.tension.run")
     monkeypatch.setattr(target, fail, raising=not target.endswith("__check_init__"))
     if "trade_off" in config:
-        monkeypatch.setattr("optim.front_run.pareto", fail)
+        monkeypatch.setattr("optim.design.front_run.pareto", fail)
     words = [command.split()[0].rstrip(","), str(ROOT / "configs" / f"{config}.toml")]
     words += [] if words[0] in ("solve", "path") else ["--out", str(tmp_path / "out")]
     if mistake:

@@ -122,7 +122,7 @@ def test_optim_leaves_the_command_line_and_matplotlib_alone(path):
         ("scene", "from .shell.grasp import Grasp", "scene imports shell, which stands above it"),
         ("scene", "import softgrip_jax.cli", "scene imports cli, which stands above it"),
         ("shell", "from ..config import load", "shell imports config, which stands above it"),
-        ("config", "def f():\n    from optim.run import run_design", "config imports optim"),
+        ("config", "def f():\n    from optim.design.run import run_design", "config imports optim"),
         ("results", "import matplotlib.pyplot as plt", "results imports matplotlib"),
         ("attic", "import os", "attic is not in the list of rooms"),
     ],

@@ -7,8 +7,8 @@ import pytest
 from helpers import ROD, shell
 
 import softgrip_jax as sg
-from optim.objectives import NEAR_LIMIT, Goal, Limits, Problem, Quantity, Scaling
-from optim.variables import Space, Variable
+from optim.problem import NEAR_LIMIT, Goal, Limits, Problem, Quantity, Scaling
+from optim.space import Space, Variable
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 

@@ -9,10 +9,10 @@ from helpers import shell
 
 import optim
 import softgrip_jax as sg
-from optim.objectives import Goal, Limits, Measured, Problem, Quantity
-from optim.pareto import pareto
-from optim.search import FEASIBLE, Evaluator
-from optim.variables import Space, Variable
+from optim.design.descent import FEASIBLE, Evaluator
+from optim.design.pareto import pareto
+from optim.problem import Goal, Limits, Measured, Problem, Quantity
+from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.cli import run
 from softgrip_jax.units import gram, kPa, mm

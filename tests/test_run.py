@@ -13,8 +13,8 @@ from rich.console import Console
 
 import optim
 import softgrip_jax as sg
-from optim import run as runs
-from optim import settings
+from optim.design import run as runs
+from optim.design import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
 from softgrip_jax.config import ConfigError

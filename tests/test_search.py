@@ -14,16 +14,16 @@ from helpers import shell
 from scipy.optimize import differential_evolution
 
 import softgrip_jax as sg
-from optim import settings
-from optim.objectives import Goal, Limits, Measured, Problem, Quantity
-from optim.search import FEASIBLE, search
-from optim.variables import Space, Variable
+from optim.design import settings
+from optim.design.descent import FEASIBLE, search
+from optim.problem import Goal, Limits, Measured, Problem, Quantity
+from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.quantities import Asked
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 
-searching = importlib.import_module("optim.search")  # the package's own `search` is the function
+searching = importlib.import_module("optim.design.descent")  # the package's own `search` is the function
 
 
 class Formulas(Problem):

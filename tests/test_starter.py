@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 from conftest import ROOT
 
-from optim import settings as design_settings
+from optim.design import settings as design_settings
 from softgrip_jax import config as configs
 from softgrip_jax import sensitivity, sweep
 from softgrip_jax.cli import MISTAKE, run

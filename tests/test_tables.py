@@ -11,9 +11,9 @@ from conftest import ROOT
 from rich.cells import cell_len
 from rich.console import Console
 
-from optim import run as design_run
-from optim import settings
-from optim.search import Design, SearchResult
+from optim.design import run as design_run
+from optim.design import settings
+from optim.design.descent import Design, SearchResult
 from softgrip_jax import config as configs
 from softgrip_jax import sensitivity
 from softgrip_jax.cli import run

@@ -9,12 +9,13 @@ import pytest
 from scipy import optimize
 
 import softgrip_jax as sg
-from optim.calibrate import _other_minima, calibrate
-from optim.calibrate_report import examine
-from optim.curve_files import Column, Curve, read_columns
-from optim.fitting import Fitted, Fitting
-from optim.tension import CANDIDATES, Tension, candidate, softening
-from optim.tension_run import TEST, compare, neo_hookean_windows, verdicts
+from optim.calibration.data import Column, Curve, read_columns
+from optim.calibration.fit import _other_minima, calibrate
+from optim.calibration.model import Fitted, Fitting
+from optim.calibration.report import examine
+from optim.tension.compare import TEST, compare, neo_hookean_windows
+from optim.tension.run import verdicts
+from optim.tension.test import CANDIDATES, Tension, candidate, softening
 from softgrip_jax.errors import InputError
 from softgrip_jax.units import kPa
 

@@ -7,7 +7,7 @@ import pytest
 from helpers import shell
 
 import softgrip_jax as sg
-from optim.variables import Space, Variable, to_free, to_unit
+from optim.space import Space, Variable, to_free, to_unit
 from softgrip_jax.units import mm
 
 

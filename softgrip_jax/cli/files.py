@@ -60,9 +60,9 @@ def schema() -> None:
     Editors with the Taplo language server (VS Code: Even Better TOML) take it from the first line of a config,
     `#:schema ./softgrip.schema.json`.
     """
-    from optim.calibrate_settings import CalibrateTable
-    from optim.settings import DesignTable
-    from optim.tension_run import TensionTable
+    from optim.calibration.settings import CalibrateTable
+    from optim.design.settings import DesignTable
+    from optim.tension.run import TensionTable
 
     from ..schema import schema as described
     from ..sensitivity import SensitivityTable

@@ -47,7 +47,7 @@ def design(
     - softgrip design configs/shell_grasp.toml
     """
     # optim stands above this package: this is the one place that looks up to it.
-    from optim.run import run_design
+    from optim.design.run import run_design
 
     folder = run_design(config, out, _console(as_json))
     _tell(as_json, folder)
@@ -66,7 +66,7 @@ def calibrate(
 
     - softgrip calibrate configs/calibrate_shell.toml
     """
-    from optim.calibrate_run import run_calibrate
+    from optim.calibration.run import run_calibrate
 
     _tell(as_json, run_calibrate(config, out, _console(as_json)))
 

@@ -20,9 +20,9 @@ from softgrip_jax.progress import stages
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
+from ..records import agreed, design_row, in_si, next_command, said, told, versions, write_csv
 from . import settings
 from .pareto import Front, pareto
-from .records import agreed, design_row, in_si, next_command, said, told, versions, write_csv
 
 SHOWN = 9
 """Designs in the printed table, spread over the front; designs.csv has them all."""

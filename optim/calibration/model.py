@@ -32,10 +32,10 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
 
-from .curve_files import Curve
-from .objectives import NEAR_LIMIT
-from .tension import Tension
-from .variables import Space, Variable, to_free, to_unit
+from ..problem import NEAR_LIMIT
+from ..space import Space, Variable, to_free, to_unit
+from ..tension.test import Tension
+from .data import Curve
 
 TOLERANCE = 1e-8
 """The fit has settled when a step that lowers the cost changes neither the free parameters (of order one) nor the

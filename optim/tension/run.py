@@ -31,32 +31,21 @@ import pydantic
 from rich.console import Console
 
 from softgrip_jax import config as configs
-from softgrip_jax.errors import ConfigError, InputError, located
-from softgrip_jax.materials import Material
-from softgrip_jax.progress import Tell, silent, stages
+from softgrip_jax.errors import ConfigError, located
+from softgrip_jax.folders import new_folder
+from softgrip_jax.progress import stages
 from softgrip_jax.results import in_units
 from softgrip_jax.sections import Table
 from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
 
-from .calibrate import Fit, calibrate, finished, with_noise
-from .calibrate_files import material_text, provenance
-from .calibrate_settings import ColumnTable, column, read_specimens
-from .curve_files import Curve
-from .fitting import Fitting
-from .records import told, versions
-from .run import new_folder
-from .tension import BEYOND, CANDIDATES, Softening, Tension, candidate, softening
-from .variables import to_free
-
-COMPARED = (25.0, 50.0, 100.0, 200.0, 400.0)
-"""Percent: windows in which mu is compared, where a config names none."""
-
-DEPENDS = 1.2
-"""mu that differs by more than this factor between windows depends on the window."""
-
-STARTS = 16
-"""Several exponents of an Ogden material fit nearly as well: more starts than for a scene."""
+from ..calibration.data import Curve
+from ..calibration.fit import Fit
+from ..calibration.provenance import material_text, provenance
+from ..calibration.settings import ColumnTable, column, read_specimens
+from ..records import told, versions
+from .compare import COMPARED, DEPENDS, SOFT, STIFF, TEST, Comparison, Judged, compare
+from .test import BEYOND, CANDIDATES
 
 
 class TensionTable(Table):
@@ -69,138 +58,6 @@ class TensionTable(Table):
     window_percent: float | None = pydantic.Field(default=None, gt=0)
     compare_percent: list[float] | None = None
     seed: int = pydantic.Field(default=0, ge=0)
-
-
-@dataclasses.dataclass(frozen=True)
-class Judged:
-    """One material on the test."""
-
-    name: str
-    fit: Fit
-    material: Material
-    akaike: float
-    softens: list[Softening]
-
-    @property
-    def rmse(self) -> float:
-        """Pa."""
-        return self.fit.rmse(0)
-
-
-@dataclasses.dataclass(frozen=True)
-class Window:
-    """The neo-Hookean mu of one window, Pa."""
-
-    strain: float
-    mu: float
-    low: float
-    high: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """All materials on one test."""
-
-    curve: Curve
-    window: float
-    """Largest strain that was fitted."""
-    judged: list[Judged]
-    """Best first."""
-    windows: list[Window]
-    remarks: tuple[str, ...] = ()
-    """What was left out, in sentences."""
-
-    @property
-    def chosen(self) -> Judged:
-        """The best that is stable; the best, where none is."""
-        return next((one for one in self.judged if not one.softens), self.judged[0])
-
-
-def compare(
-    curve: Curve, materials: list[str], window: float, windows: list[float], seed: int = 0, tell: Tell = silent
-) -> Comparison:
-    """Fit every material to a curve up to a strain, and the neo-Hookean mu in several windows."""
-    inside = curve.x <= window * (1 + 1e-9)
-    _require_points(curve, inside, window)
-    judged, remarks = [], []
-    for name in materials:
-        tell(f"fitting {name}")
-        tried = candidate(name, curve.x[inside], curve.y[inside])
-        fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [_part(curve, inside)])
-        fit = calibrate(fitting, STARTS if len(tried.variables) > 1 else 1, seed, canonical=tried.canonical)
-        material = fit.modules()[TEST].material
-        if not bool(material.is_stable_at_rest()):
-            remarks.append(f"{name} is left out: {_softer_than_nothing(material)}.")
-            continue
-        judged.append(Judged(name, fit, material, akaike(fit), softening(material, window)))
-    if not judged:
-        raise InputError(f"No material describes this test. {' '.join(remarks)}")
-    judged.sort(key=lambda one: one.akaike)
-    found = neo_hookean_windows(curve, windows)
-    known = {one.strain for one in found}
-    weak = [f"{100 * w:.0f} %" for w in windows if w not in known and _points_inside(curve, w) >= LEAST_POINTS]
-    if weak:
-        remarks.append(
-            f"There is no neo-Hookean mu up to {' and '.join(weak)} strain: on the whole the stresses there are not "
-            "above zero."
-        )
-    return Comparison(curve, window, judged, found, tuple(remarks))
-
-
-def _softer_than_nothing(material: Material) -> str:
-    modulus = in_units(float(f"{float(material.shear_modulus()):.3g}"), "pressure")
-    return f"its best fit has a shear modulus of {modulus} at rest, and no material has a negative one"
-
-
-TEST = "test"
-
-
-def akaike(fit: Fit) -> float:
-    """Corrected Akaike criterion."""
-    n, k = int(fit.used.sum()), fit.fitting.space.size + 1
-    square = float(np.sum(fit.errors[fit.used] ** 2))
-    correction = 2 * k * (k + 1) / (n - k - 1) if n > k + 1 else np.inf
-    # Numbers that were computed and not measured may be met exactly.
-    return n * float(np.log(max(square / n, np.finfo(float).tiny))) + 2 * k + correction
-
-
-def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
-    """mu and its 95 % interval in each window that has three points or more, and on the whole a positive stress."""
-    tried = candidate("NeoHookean", curve.x, curve.y)
-    fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [curve])
-    start = to_free(fitting.space.inside(fitting.space.to_unit(fitting.space.reference)))
-    found = []
-    for window in windows:
-        inside = curve.x <= window * (1 + 1e-9)
-        if _points_inside(curve, window) >= LEAST_POINTS:
-            lane = fitting.lane(start, weight=jnp.asarray(inside.astype(float)))
-            fit = finished(fitting, with_noise(fitting, lane))
-            if fit.on_bound.any():
-                continue  # the least-squares mu is zero or negative: a slack specimen, or a load cell below its zero
-            found.append(Window(window, float(fit.x[0]), float(fit.low[0]), float(fit.high[0])))
-    return found
-
-
-LEAST_POINTS = 3
-
-
-def _points_inside(curve: Curve, window: float) -> int:
-    return int(np.sum(curve.x <= window * (1 + 1e-9)))
-
-
-def _part(curve: Curve, inside: np.ndarray) -> Curve:
-    specimen = None if curve.specimen is None else curve.specimen[inside]
-    return dataclasses.replace(curve, x=curve.x[inside], y=curve.y[inside], specimen=specimen)
-
-
-def _require_points(curve: Curve, inside: np.ndarray, window: float) -> None:
-    if inside.sum() < LEAST_POINTS + 3:
-        raise InputError(
-            f"{inside.sum()} of {len(curve.x)} points are in the window of {100 * window:g} % strain; materials are "
-            f"compared on {LEAST_POINTS + 3} or more."
-        )
-    if np.max(curve.x[inside]) <= 0 or np.max(curve.y[inside]) <= 0:
-        raise InputError("The test has no positive strains and stresses; both are positive in tension.")
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
@@ -275,10 +132,6 @@ def verdicts(found: Comparison) -> list[str]:
         "than those of a strip, it is an extrapolation."
     )
     return said
-
-
-SOFT, STIFF = 1e3, 20e6
-"""Pa: shear moduli of the softest gels and the hardest rubbers."""
 
 
 def _words_of(found: Comparison) -> list[str]:

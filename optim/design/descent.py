@@ -29,9 +29,9 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
 
+from ..problem import Judged, Problem, Scales, Scaling
+from ..space import to_free, to_unit
 from .finish import LOST, finish
-from .objectives import Judged, Problem, Scales, Scaling
-from .variables import to_free, to_unit
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
 """optax optimisers that need nothing but a gradient and a learning rate."""

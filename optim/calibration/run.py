@@ -5,7 +5,7 @@ The folder: config.toml as given, calibrated.toml (the scenes with the fitted nu
 result.json, fit.png. It appears complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it
 holds that and the intervals until then.
 
-A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `tension_run.py`.
+A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
 
 from __future__ import annotations
@@ -22,20 +22,19 @@ from rich.console import Console
 
 from softgrip_jax import config as configs
 from softgrip_jax.errors import InputError, located
-from softgrip_jax.folders import Undisturbed
+from softgrip_jax.folders import Undisturbed, new_folder
 from softgrip_jax.materials import Material
 from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY, unit_key
 
-from . import calibrate_settings as settings
-from .calibrate import Fit, calibrate
-from .calibrate_files import material_text, provenance
-from .calibrate_report import Findings, autocorrelation, examine, is_determined, report
-from .curve_files import Curve
-from .records import told, versions
-from .run import new_folder
-from .tension import material_of
-from .tension_run import run_tension
+from ..records import told, versions
+from ..tension.run import run_tension
+from ..tension.test import material_of
+from . import settings
+from .data import Curve
+from .fit import Fit, calibrate
+from .provenance import material_text, provenance
+from .report import Findings, autocorrelation, examine, is_determined, report
 
 
 def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:

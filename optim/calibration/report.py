@@ -14,10 +14,10 @@ from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
-from .calibrate import Fit, implausible
-from .cross_checks import Specimens, by_specimen, held_out
-from .curve_files import Curve
-from .identify import Direction, unknown_directions
+from .cross_validation import Specimens, by_specimen, held_out
+from .data import Curve
+from .fit import Fit, implausible
+from .identifiability import Direction, unknown_directions
 from .intervals import Intervals, intervals
 
 NOT_DETERMINED = 3.0

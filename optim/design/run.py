@@ -23,18 +23,18 @@ import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
-from softgrip_jax.folders import Undisturbed
-from softgrip_jax.folders import new_folder as new_folder
+from softgrip_jax.folders import Undisturbed, new_folder
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.tables import Table
 
-from . import rules, settings
+from .. import rules
+from ..problem import Goal, Problem
+from ..records import agreed, design_row, in_si, next_command, said, told, unsolved, versions, write_csv
+from . import settings
+from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
-from .objectives import Goal, Problem
-from .records import agreed, design_row, in_si, next_command, said, told, unsolved, versions, write_csv
-from .search import ACTIVE, FEASIBLE, Design, SearchResult, search
 
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""

@@ -25,12 +25,12 @@ from softgrip_jax import config as configs
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.sections import Table, varied
 
-from .calibrate import STARTS
-from .curve_files import UNITS, Column, Curve, check_pressures, read_columns
-from .fitting import LOSSES, Fitting
+from ..space import Variable
+from ..tension.test import Tension, material_of
+from .data import UNITS, Column, Curve, check_pressures, read_columns
+from .fit import STARTS
 from .intervals import METHODS, REPEATS
-from .tension import Tension, material_of
-from .variables import Variable
+from .model import LOSSES, Fitting
 
 TEST = "tension test"
 """What the model of a tension test is called, with the name of its scene: no attribute has such a name."""

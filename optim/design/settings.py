@@ -33,9 +33,9 @@ from softgrip_jax.scene import Scene
 from softgrip_jax.sections import Table, quantity, state_of, varied
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
-from .objectives import Goal, Limits, Problem
-from .search import FINISHED, OPTIMISERS
-from .variables import Space, Variable
+from ..problem import Goal, Limits, Problem
+from ..space import Space, Variable
+from .descent import FINISHED, OPTIMISERS
 
 
 class VariableTable(Table):

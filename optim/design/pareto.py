@@ -26,9 +26,9 @@ from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
 
+from ..problem import Problem, Scaling
+from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
 from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
-from .objectives import Problem, Scaling
-from .search import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
 
 ANCHOR_STARTS = 2
 """Designs from which each end of the front is sought."""

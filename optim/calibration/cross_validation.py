@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from .calibrate import CONFIDENCE, Fit, off_bounds, run_lanes
+from .fit import CONFIDENCE, Fit, off_bounds, run_lanes
 
 
 def held_out(fit: Fit) -> dict[str, tuple[np.ndarray, float]]:

@@ -20,11 +20,11 @@ import numpy as np
 import softgrip_jax as sg
 from softgrip_jax.scene import Scene
 
-from .calibrate import Fit
-from .curve_files import Curve
-from .fitting import Fitting
-from .tension import Tension, material_of
-from .variables import Variable
+from ..space import Variable
+from ..tension.test import Tension, material_of
+from .data import Curve
+from .fit import Fit
+from .model import Fitting
 
 UNKNOWN = 0.3
 """A direction is not determined when the data leave the parameters along it to within a factor e^0.3 = 1.35 or worse

@@ -26,9 +26,9 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.units import DISPLAY
 
-from .fitting import Fitted, Fitting, Lane, Predicted
-from .objectives import NEAR_LIMIT
-from .variables import to_free, to_unit
+from ..problem import NEAR_LIMIT
+from ..space import to_free, to_unit
+from .model import Fitted, Fitting, Lane, Predicted
 
 CONFIDENCE = 0.95
 """Of every interval."""

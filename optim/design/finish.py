@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from .objectives import Problem, Scales
+from ..problem import Problem, Scales
 
 ROUNDING = 1e-9
 """A finished variable this near to a bound (of its range) is put on it."""

@@ -23,7 +23,7 @@ from softgrip_jax import materials
 from softgrip_jax.checked import Checked, part
 from softgrip_jax.materials import Material, nominal_stresses
 
-from .variables import Variable
+from ..space import Variable
 
 Scalar = Float[Array, ""]
 

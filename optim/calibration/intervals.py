@@ -23,8 +23,8 @@ from scipy.interpolate import PchipInterpolator
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 
-from .calibrate import CONFIDENCE, Fit, run_lanes
-from .variables import to_free
+from ..space import to_free
+from .fit import CONFIDENCE, Fit, run_lanes
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
 

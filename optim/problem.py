@@ -30,7 +30,7 @@ from softgrip_jax.units import DISPLAY
 
 from .laws import differing_laws
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
-from .variables import Space
+from .space import Space
 
 Scalar = Float[Array, ""]
 

@@ -1,0 +1,1 @@
+"""Tension tests: which material describes one, and where it would go wrong beyond it."""
