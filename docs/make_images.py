@@ -15,9 +15,9 @@ import softgrip_jax as sg
 from optim.calibration.run import run_calibrate
 from optim.design.run import run_design
 from softgrip_jax import plots, thesis
+from softgrip_jax.commands.reproduce import run_reproduce
 from softgrip_jax.plots import animate
 from softgrip_jax.plots.figures import BLUE, BODY, ORANGE, STYLE, VERMILION
-from softgrip_jax.reproduce import run_reproduce
 from softgrip_jax.study import Grid, Range
 from softgrip_jax.units import gram, kPa, mm
 

@@ -38,8 +38,8 @@ import numpy as np
 
 import optim
 import softgrip_jax as sg
-from softgrip_jax.checked import part, positive
 from softgrip_jax.curve_scene import CurveScene
+from softgrip_jax.fields import part, positive
 from softgrip_jax.materials import Material
 from softgrip_jax.membrane import equilibrium_pressure, flat_contact_stretch
 from softgrip_jax.scene import Scalar

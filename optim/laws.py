@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import softgrip_jax as sg
-from softgrip_jax.checked import Checked
+from softgrip_jax.fields import Checked
 
 from .space import Space
 

@@ -19,7 +19,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 
-from .checked import Checked
+from .fields import Checked
 from .units import DISPLAY, SI
 
 if TYPE_CHECKING:

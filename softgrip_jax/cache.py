@@ -1,6 +1,7 @@
 """What JAX compiles is kept on the disk, so that the next process does not compile it again.
 
-The commands do this by themselves (`softgrip_jax.cli.programs`); in Python it is one line, before the first question:
+The commands do this by themselves (`softgrip_jax.commands.programs`); in Python it is one line, before the first
+question:
 
 >>> import softgrip_jax as sg
 >>> folder = sg.enable_cache()

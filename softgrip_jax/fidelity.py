@@ -24,8 +24,8 @@ import numpy as np
 from jax.core import Tracer
 
 from . import pneunet, shell
-from .checked import require
 from .errors import InputError
+from .fields import require
 from .names import listing
 from .pneunet.finger_scene import PART_POINTS, FingerScene
 from .results import Solution, Status

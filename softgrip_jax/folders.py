@@ -120,7 +120,7 @@ def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
 
     ConfigError with the name of the file itself where that fails.
     """
-    unfinished = path.with_name(f".unfinished-{path.name}")
+    unfinished = path.with_name(f".unfinished-{os.getpid()}-{path.name}")
     try:
         if isinstance(content, bytes):
             unfinished.write_bytes(content)
@@ -131,3 +131,5 @@ def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
         unfinished.replace(path)
     except OSError as error:
         raise ConfigError(f"{path} cannot be written: {_reason(error)}.") from None
+    finally:
+        unfinished.unlink(missing_ok=True)

@@ -19,8 +19,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from .checked import Checked, check_fields, finite, is_concrete, nonzero, positive
 from .errors import InputError, JoinedRuleError
+from .fields import Checked, check_fields, finite, is_concrete, nonzero, positive
 from .names import listing
 from .units import kPa
 

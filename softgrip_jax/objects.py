@@ -12,8 +12,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from .checked import Checked, is_concrete, nonnegative, positive, to_float_array
 from .errors import InputError
+from .fields import Checked, is_concrete, nonnegative, positive, to_float_array
 from .names import listing
 from .numerics.curves import first_crossing, scan_curve
 from .numerics.roots import implicit

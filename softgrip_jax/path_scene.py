@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import choice
+from .fields import choice
 from .numerics.choice import larger
 from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
 from .numerics.roots import implicit, select, solve_small

@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .checked import admissible
 from .errors import InputError
+from .fields import admissible
 from .leaves import Scenes
 from .reasons import RULE_NAMES, Reason
 from .results import Solution, Status, in_units

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .checked import Checked, admissible, batched_field, require, rule_names, to_float_array
 from .errors import InputError
+from .fields import Checked, admissible, batched_field, require, rule_names, to_float_array
 from .numerics.roots import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, gate, mask

@@ -16,8 +16,8 @@ ROOT = Path(__file__).resolve().parent.parent
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
-# Compiling is most of the time of a run: done as for the commands (see softgrip_jax/cli/programs.py), and what has not
-# changed is taken from here.
+# Compiling is most of the time of a run: done as for the commands (see softgrip_jax/commands/programs.py), and what has
+# not changed is taken from here.
 gc.set_threshold(1_000_000)
 if jaxlib_version < (0, 11):
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"

@@ -14,9 +14,9 @@ from optim.problem import Goal
 from softgrip_jax import config as configs
 from softgrip_jax import thesis
 from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.config.keys import varied
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.objects import FrictionTable
-from softgrip_jax.sections import varied
 from softgrip_jax.units import kPa, mm
 
 GOOD = """[scene]
@@ -47,7 +47,7 @@ EDITS = {
     "half a line": ("gap_mm = 5", "gap_mm =", "this is not TOML"),
     "key twice": ("gap_mm = 5", "gap_mm = 5\ngap_mm = 5", "this is not TOML"),
     "unknown section": ("[solve]", "[solv]", "there is no section [solv]; did you mean solve?"),
-    "far-off section": ("[solve]", "[zzz]", "there is no section [zzz]; allowed are scene, scenes, solve, design"),
+    "far-off section": ("[solve]", "[zzz]", "there is no section [zzz]; allowed are scene, scenes, solve, sweep"),
     "a key above the sections": ("[scene]\n", "radius_mm = 2\n[scene]\n", "there is no section [radius_mm]"),
     "section as number": (GOOD, "scene = 3", "scene is 3; it must be a section, [scene]."),
     "sections in a list": ("[scene]\n", "[[scene]]\n", "; it must be a section, [scene]."),

@@ -15,8 +15,8 @@ from conftest import ROOT
 
 from softgrip_jax import thesis
 from softgrip_jax.cli import NO_ANSWER, run
-from softgrip_jax.cli.app import write_file
 from softgrip_jax.errors import ConfigError
+from softgrip_jax.folders import write_whole
 
 CONFIGS = ROOT / "configs"
 
@@ -161,6 +161,6 @@ def test_a_file_that_cannot_be_written_after_all_is_named(tmp_path):
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
     with pytest.raises(ConfigError, match=r"curve.csv cannot be written: no space left on device\.") as caught:
-        write_file(tmp_path / "curve.csv", full)
+        write_whole(tmp_path / "curve.csv", full)
     assert str(caught.value).startswith(str(tmp_path / "curve.csv"))
     assert not list(tmp_path.iterdir())

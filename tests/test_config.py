@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 import softgrip_jax as sg
 from optim.calibration import settings as calibrate_settings
-from softgrip_jax import checked, config, units
+from softgrip_jax import config, fields, units
 from softgrip_jax.objects import FrictionTable
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import gram, kPa, mm
@@ -143,7 +143,7 @@ def test_numbers_are_written_as_people_would(tmp_path):
     assert "t_m_mm = 1.1\n" in config.dump(SCENES[0])
     values = np.random.default_rng(0).lognormal(sigma=9, size=10_000)
     for label, unit in units.DISPLAY.values():
-        back = np.asarray([config._in_unit(v, unit) * unit for v in values])
+        back = np.asarray([config.modules._in_unit(v, unit) * unit for v in values])
         np.testing.assert_allclose(back, values, rtol=2.3e-16, err_msg=label)
 
 
@@ -212,13 +212,13 @@ def test_sections_of_runs(table, says):
 class Pusher(Scene):
     """A scene that the package has never heard of, with every sort of field."""
 
-    reach: Float[Array, ""] = checked.positive("length")
-    stiff: Float[Array, ""] | Float[Array, " n"] = checked.positive("number")
-    weight: Float[Array, "2"] = checked.finite("force_per_length", default=(0.0, -2.0))
-    law: str = checked.choice("exact", "thesis", default="exact")
+    reach: Float[Array, ""] = fields.positive("length")
+    stiff: Float[Array, ""] | Float[Array, " n"] = fields.positive("number")
+    weight: Float[Array, "2"] = fields.finite("force_per_length", default=(0.0, -2.0))
+    law: str = fields.choice("exact", "thesis", default="exact")
     steps: int = eqx.field(static=True, default=4)
     coupled: bool = eqx.field(static=True, default=False)
-    extra: Float[Array, ""] | None = checked.finite("moment", default=None)
+    extra: Float[Array, ""] | None = fields.finite("moment", default=None)
 
     OBSERVABLES: ClassVar = {"force": "force"}
 
@@ -261,8 +261,8 @@ def test_the_same_key_for_every_unit_label():
 
 
 def test_an_annotation_without_a_shape_is_one_sentence():
-    class Bare(checked.Checked):
-        lip: jax.Array = checked.positive("length")
+    class Bare(fields.Checked):
+        lip: jax.Array = fields.positive("length")
 
     with pytest.raises(config.ConfigError, match=r"Bare.lip is annotated Array, .* write Float\[Array, ''\]"):
         config.keys_of(Bare)

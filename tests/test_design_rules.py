@@ -24,10 +24,10 @@ from optim.records import agreed, design_row, in_si
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
+from softgrip_jax.config.keys import quantity
 from softgrip_jax.quantities import kind_of
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
-from softgrip_jax.sections import quantity
 from softgrip_jax.units import kPa, mm
 
 runs = importlib.import_module("optim.design.run")

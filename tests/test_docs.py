@@ -10,8 +10,8 @@ from conftest import ROOT
 
 from optim.calibration.settings import CalibrateTable
 from optim.design.settings import DesignTable
-from softgrip_jax.sensitivity import SensitivityTable
-from softgrip_jax.sweep import SweepTable
+from softgrip_jax.commands.sensitivity import SensitivityTable
+from softgrip_jax.commands.sweep import SweepTable
 
 TABLES = {"design": DesignTable, "sweep": SweepTable, "sensitivity": SensitivityTable, "calibrate": CalibrateTable}
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
@@ -70,7 +70,9 @@ def test_commands_are_understood(line):
     """Every command with its arguments and options, parsed and not run."""
     import typer
 
-    from softgrip_jax.cli import app
+    from softgrip_jax.cli import app, find_commands
+
+    find_commands()
 
     name, *arguments = shlex.split(line)
     command = typer.main.get_command(app).commands[name]  # type: ignore[attr-defined]

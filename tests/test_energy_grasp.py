@@ -5,7 +5,7 @@ import pytest
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
-from softgrip_jax.reproduce import energy_grasp
+from softgrip_jax.thesis import energy_grasp
 from softgrip_jax.units import mm
 
 

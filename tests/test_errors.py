@@ -15,7 +15,7 @@ from softgrip_jax.errors import ConfigError, InputError, located
 
 FILES = sorted([*(ROOT / "softgrip_jax").rglob("*.py"), *(ROOT / "optim").rglob("*.py")])
 TESTED = {
-    "softgrip_jax/cli/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
+    "softgrip_jax/commands/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
     "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
     "softgrip_jax/study/folder.py": "a chunk that cannot be read, for whatever reason, is computed again",
@@ -81,10 +81,10 @@ def test_a_place_is_said_once():
 
 
 CALLS = {
-    "solve": ("shell_free", "softgrip_jax.cli.scenes.kept"),
+    "solve": ("shell_free", "softgrip_jax.commands.solve.kept"),
     "path": ("shell_free", "softgrip_jax.scene.limit_pressure"),
-    "sweep": ("shell_sweep", "softgrip_jax.sweep.Study"),
-    "sensitivity": ("shell_free", "softgrip_jax.sensitivity.sensitivity"),
+    "sweep": ("shell_sweep", "softgrip_jax.commands.sweep.Study"),
+    "sensitivity": ("shell_free", "softgrip_jax.commands.sensitivity.sensitivity"),
     "design": ("shell_grasp", "optim.design.run.search"),
     "design of a front": ("shell_trade_off", "optim.design.front_run.pareto"),
     "design, its problem": ("shell_grasp", "optim.design.settings.Problem"),

@@ -9,7 +9,7 @@ import sys
 import pytest
 from conftest import ROOT
 
-from softgrip_jax.cli import programs
+from softgrip_jax.commands import programs
 
 CODE = """
 import sys

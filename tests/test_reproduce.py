@@ -10,9 +10,10 @@ from rich.console import Console
 from scipy.integrate import quad
 
 import softgrip_jax as sg
-from softgrip_jax import reproduce, thesis
-from softgrip_jax.reproduce import finger_rows, fingers, rows, shells
-from softgrip_jax.reproduce.rows import Verdict
+from softgrip_jax import thesis
+from softgrip_jax.commands import reproduce
+from softgrip_jax.thesis import finger_rows, fingers, rows, shells
+from softgrip_jax.thesis.rows import Verdict
 from softgrip_jax.units import GRAVITY, gram, kPa, mm
 
 

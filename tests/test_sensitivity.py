@@ -12,8 +12,8 @@ from helpers import shell
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax import plots
-from softgrip_jax import sensitivity as section
 from softgrip_jax.cli import run
+from softgrip_jax.commands import sensitivity as section
 from softgrip_jax.study import sensitivity
 from softgrip_jax.units import kPa, mm
 

@@ -20,8 +20,9 @@ from scipy.stats import qmc
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
-from softgrip_jax import plots, sweep
+from softgrip_jax import plots
 from softgrip_jax.cli import run
+from softgrip_jax.commands import sweep
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table

@@ -15,13 +15,13 @@ from optim.design import run as design_run
 from optim.design import settings
 from optim.design.descent import Design, SearchResult
 from softgrip_jax import config as configs
-from softgrip_jax import sensitivity
 from softgrip_jax.cli import run
-from softgrip_jax.reproduce import report as report_of_rows
-from softgrip_jax.reproduce.rows import Row, Verdict
+from softgrip_jax.commands import sensitivity
+from softgrip_jax.commands.reproduce import report as report_of_rows
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
 from softgrip_jax.tables import Table
+from softgrip_jax.thesis.rows import Row, Verdict
 
 
 def printed(thing, width=80):

@@ -171,7 +171,7 @@ def test_what_to_type_for_an_array_in_a_scene():
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_lists_that_belong_to_one_scene_pass(case):
     """Ogden's lists, tables of friction, weights: each is part of one scene, and two of them are seen as a batch."""
-    from softgrip_jax.checked import batched_field
+    from softgrip_jax.fields import batched_field
 
     scene = case.make()
     assert batched_field(scene) is None
@@ -179,7 +179,7 @@ def test_lists_that_belong_to_one_scene_pass(case):
 
 
 def test_lists_of_fingers_pass():
-    from softgrip_jax.checked import batched_field
+    from softgrip_jax.fields import batched_field
 
     finger = sg.PneuNet(jnp.array([5, 6]) * mm, 8e-3, 1e-3, 1e-3, 4e-3, 5e-3, 2e-2, 7e-2, RUBBER)
     held = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)

@@ -22,8 +22,8 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
+from softgrip_jax.config.keys import Table, varied
 from softgrip_jax.errors import ConfigError, located
-from softgrip_jax.sections import Table, varied
 
 from ..space import Variable
 from ..tension.test import Tension, material_of

@@ -5,9 +5,9 @@
     low = 8                               at = "required"               at = "required"
     high = 24                                                           low = 1.25
 
-Names and states are those of `softgrip_jax.sections`; the numbers beside a name are in its unit. A goal is `minimise`,
-`maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) evenly spaced from clamp to tip that the finger's
-shape shall go through, of the scene named by `scene` where there are several.
+Names and states are those of `softgrip_jax.config.keys`; the numbers beside a name are in its unit. A goal is
+`minimise`, `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) evenly spaced from clamp to tip that
+the finger's shape shall go through, of the scene named by `scene` where there are several.
 
 Every design keeps the rules of its scenes (walls fit, chambers do not overlap, nothing is inside the object, ...);
 `ignore_rules = ["chambers_apart"]` in [design] gives up some by name. Scenes that share a finger must treat it by the
@@ -26,11 +26,11 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
+from softgrip_jax.config.keys import Table, quantity, state_of, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.leaves import Scenes
 from softgrip_jax.quantities import SHAPE, Quantity, State
 from softgrip_jax.scene import Scene
-from softgrip_jax.sections import Table, quantity, state_of, varied
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
 from ..problem import Goal, Limits, Problem

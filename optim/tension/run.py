@@ -31,11 +31,11 @@ import pydantic
 from rich.console import Console
 
 from softgrip_jax import config as configs
+from softgrip_jax.config.keys import Table
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import stages
 from softgrip_jax.results import in_units
-from softgrip_jax.sections import Table
 from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
 

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softgrip_jax import materials
-from softgrip_jax.checked import Checked, part
+from softgrip_jax.fields import Checked, part
 from softgrip_jax.materials import Material, nominal_stresses
 
 from ..space import Variable

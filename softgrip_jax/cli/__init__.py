@@ -8,6 +8,7 @@ The rooms are imported inside the commands, so that `softgrip --help` answers at
 
 from __future__ import annotations
 
+import functools
 import sys
 import traceback
 from collections.abc import Sequence
@@ -15,9 +16,11 @@ from typing import Any, NoReturn
 
 import typer
 
+from .. import plugins
+from ..commands import programs
 from ..errors import InputError
 from ..plausible import units_are_stated
-from . import ending, programs
+from . import ending
 from . import files as files
 from . import runs as runs
 from . import scenes as scenes
@@ -28,12 +31,28 @@ from .app import STOPPED as STOPPED
 from .app import app as app
 
 ORDER = ("new", "solve", "path", "sweep", "sensitivity", "design", "calibrate", "reproduce", "schema")
-"""Of the commands in `softgrip --help`: from the first steps on."""
-app.registered_commands.sort(key=lambda command: ORDER.index(command.callback.__name__))  # type: ignore[union-attr]
+"""Of the commands in `softgrip --help`: from the first steps on; others follow."""
+
+
+@functools.cache
+def find_commands() -> None:
+    """Add the commands of other packages, and sort them all. One that cannot be imported is named and left out."""
+    for name, point in plugins.found(plugins.COMMANDS).items():
+        try:
+            app.command(name)(point.load())
+        except Exception as error:
+            print(f"the command {name} cannot be used: {point.value}: {error}", file=sys.stderr)
+    places = {name: place for place, name in enumerate(ORDER)}
+    app.registered_commands.sort(key=lambda command: places.get(_name(command), len(places)))
+
+
+def _name(command: Any) -> str:
+    return command.name or command.callback.__name__
 
 
 def run(arguments: Sequence[str]) -> int:
     """The command with these arguments; returns the exit code."""
+    find_commands()
     # Every mistake in what was typed is a subclass of typer's own, which has no public name.
     usage_error: Any = typer.BadParameter.__mro__[1]
     try:

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import uuid
-from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-
-from ..errors import ConfigError
-from ..folders import why_unwritable
 
 NO_ANSWER, MISTAKE, FAULT, STOPPED = 1, 2, 70, 130
 
@@ -53,54 +48,3 @@ def _options(
     ] = False,
 ) -> None:
     pass
-
-
-def one_scene(config: Path, scene: str | None) -> Any:
-    """The config with the one scene that is meant."""
-    from .. import config as configs
-
-    read = configs.load(config)
-    if scene is not None:
-        if scene not in read.scenes:
-            raise ConfigError(f"--scene is {scene!r}; {config} has {', '.join(read.scenes)}.")
-        return configs.Config(read.path, {scene: read.scenes[scene]}, read.tables)
-    if len(read.scenes) > 1:
-        raise ConfigError(f"{config} has several scenes; say which with --scene, one of {', '.join(read.scenes)}.")
-    return read
-
-
-def check_file(path: Path, option: str, endings: tuple[str, ...]) -> None:
-    """A ConfigError where a file of these kinds cannot be written."""
-    if path.suffix.lower() not in endings:
-        words = " or ".join(filter(None, [", ".join(endings[:-1]), endings[-1]]))
-        raise ConfigError(f"{option} is {str(path)!r}; it must be a file that ends in {words}.")
-    why = "that is a folder" if path.is_dir() else ""
-    if not path.parent.is_dir():
-        why = f"there is no folder {path.parent}"
-    why = why or why_unwritable(path.parent)
-    if why:
-        raise ConfigError(f"{option} is {str(path)!r}; a file cannot be written there: {why}.")
-
-
-PICTURES = (".png", ".pdf", ".svg")
-
-
-def write_file(path: Path, write: Callable[[Path], Any]) -> None:
-    """Complete or not there at all: a file that was stopped half way never has the wanted name.
-
-    ConfigError with the name of the file itself where it cannot be written.
-    """
-    unfinished = path.with_name(f".{uuid.uuid4().hex}{path.suffix}")
-    try:
-        write(unfinished)
-        unfinished.replace(path)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise ConfigError(f"{path} cannot be written: {reason}.") from None
-    finally:
-        unfinished.unlink(missing_ok=True)
-
-
-def tell_file(what: str, path: Path, as_json: bool) -> None:
-    """Name a file that was written; where programs read the output, not there."""
-    typer.echo(f"{what} is in {path}.", err=as_json)

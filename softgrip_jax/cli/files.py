@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from ..errors import ConfigError
-from ..tables import Table
-from .app import app, check_file, write_file
+from .app import app
 
 
 @app.command()
@@ -30,25 +25,9 @@ def new(
 
     - softgrip solve mine.toml --plot mine.png
     """
-    from ..config import classes_of
-    from ..scene import Scene
-    from ..starter import starter
+    from ..commands.new import run_new
 
-    if kind is None:
-        table = Table(show_header=False, box=None)
-        for name, cls in classes_of((Scene,)).items():
-            table.add_row(name, " ".join((cls.__doc__ or "").split("\n\n")[0].split()))
-        Console().print(table)
-        return
-    text = starter(kind)
-    if file is None:
-        typer.echo(text, nl=False)
-        return
-    check_file(file, "FILE", (".toml",))
-    if file.exists():
-        raise ConfigError(f"{file} exists already; give another name.")
-    write_file(file, lambda path: path.write_text(text, encoding="utf-8"))
-    typer.echo(f"The config is in {file}. Next: {shlex.join(['softgrip', 'solve', str(file)])}")
+    run_new(kind, file)
 
 
 @app.command()
@@ -60,19 +39,6 @@ def schema() -> None:
     Editors with the Taplo language server (VS Code: Even Better TOML) take it from the first line of a config,
     `#:schema ./softgrip.schema.json`.
     """
-    from optim.calibration.settings import CalibrateTable
-    from optim.design.settings import DesignTable
-    from optim.tension.run import TensionTable
+    from ..commands.schema import schema_text
 
-    from ..schema import schema as described
-    from ..sensitivity import SensitivityTable
-    from ..sweep import SweepTable
-
-    sections = {
-        "design": DesignTable,
-        "sweep": SweepTable,
-        "sensitivity": SensitivityTable,
-        "calibrate": CalibrateTable,
-        "tension": TensionTable,
-    }
-    typer.echo(json.dumps(described(sections), indent=2))
+    typer.echo(schema_text())

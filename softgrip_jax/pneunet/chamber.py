@@ -15,9 +15,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..checked import finite, is_concrete, part, to_float_array
 from ..curve_scene import CurveScene
 from ..errors import InputError
+from ..fields import finite, is_concrete, part, to_float_array
 from ..membrane import InclinedWall, inclined_wall, plate_coefficient
 from ..numerics.choice import larger
 from ..numerics.once import differentiated_once

@@ -8,8 +8,8 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checked import Checked, is_concrete, nonnegative, part, positive
 from ..errors import InputError
+from ..fields import Checked, is_concrete, nonnegative, part, positive
 from ..materials import Material, dragon_skin_20, dragon_skin_30
 from ..units import mm
 

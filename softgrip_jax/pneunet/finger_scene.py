@@ -17,8 +17,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..checked import choice, is_concrete, to_float_array
 from ..errors import CellRangeWarning, InputError
+from ..fields import choice, is_concrete, to_float_array
 from ..numerics.choice import larger, smallest
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once

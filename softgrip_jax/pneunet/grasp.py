@@ -10,8 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checked import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..errors import InputError
+from ..fields import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..numerics.choice import larger, smaller, smallest
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit

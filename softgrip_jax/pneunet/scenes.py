@@ -10,8 +10,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..checked import choice, count, finite, part, vector
 from ..errors import InputError
+from ..fields import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.choice import larger, largest, smaller
 from ..numerics.roots import bracketed_root

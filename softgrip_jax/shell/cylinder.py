@@ -6,8 +6,8 @@ from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from ..checked import positive
 from ..curve_scene import Approach
+from ..fields import positive
 from ..membrane import angle_of_stretch, arc_chain, contact_half_width
 from ..numerics.choice import smaller
 from ..reasons import Reason

@@ -11,7 +11,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
-from ..checked import part
+from ..fields import part
 from ..numerics.minimise import Expansion, Minimum, minimise
 from ..numerics.roots import implicit
 from ..results import Status, gate

@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import lax
 
-from ..checked import positive, right_angle
 from ..curve_scene import Approach
+from ..fields import positive, right_angle
 from ..membrane import arc_chain, first_contact_angle, flat_contact_stretch, inclined_wall, length_stretch
 from ..numerics.roots import bracketed_root, implicit
 from ..scene import Scene, frozen

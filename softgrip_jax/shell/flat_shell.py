@@ -11,9 +11,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..checked import Checked, choice, is_concrete, part, positive
 from ..curve_scene import CurveScene
 from ..errors import InputError, JoinedRuleError
+from ..fields import Checked, choice, is_concrete, part, positive
 from ..materials import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root

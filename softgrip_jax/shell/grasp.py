@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..checked import choice, is_concrete, nonnegative
 from ..errors import InputError
+from ..fields import choice, is_concrete, nonnegative
 from ..numerics.choice import smaller
 from ..objects import friction, friction_coefficient, friction_force, required_normal_force
 from ..scene import Scene

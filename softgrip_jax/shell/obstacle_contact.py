@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..checked import choice, is_concrete, part
 from ..errors import JoinedRuleError
+from ..fields import choice, is_concrete, part
 from ..numerics.choice import smallest
 from .basis import Grid
 from .energy_maps import shape_observables

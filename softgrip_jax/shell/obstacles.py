@@ -13,7 +13,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..checked import Checked, finite, positive
+from ..fields import Checked, finite, positive
 from ..names import listing
 from ..numerics.choice import larger, smaller
 

@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ...checked import finite, part
 from ...curve_scene import CurveScene
+from ...fields import finite, part
 from ...reasons import Reason
 from ..chamber import _one_chamber
 from ..finger import PneuNet

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .. import thesis
 from ..results import Solution, in_units
 from ..scene import pressure_for
 from ..shell.grasp import tilt_moment
 from ..units import GRAVITY, gram, kPa, mm
+from . import printed as thesis
 from .rows import Batch, Row, deviation, missing, number, stacked, statement
 
 PRESSURES = np.arange(1.0, 25.01, 0.5) * kPa

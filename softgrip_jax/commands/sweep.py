@@ -8,7 +8,7 @@
 
 method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "sobol" (`samples`, `seed`; low and high
 per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
-[[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.sections`.
+[[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.config.keys`.
 
 The folder: config.toml, study.nc (read it with `sg.load_study`), study.csv, and a picture.
 """
@@ -22,7 +22,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
@@ -32,20 +32,21 @@ import xarray as xr
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from . import config as configs
-from .errors import ConfigError, InputError, located
-from .folders import check_folder, contents, free_name, write_whole
-from .leaves import Leaf
-from .progress import LINE_SECONDS
-from .quantities import State, solution_at
-from .reasons import Reason
-from .results import Status, in_units
-from .sections import Table, Varied, quantity, states_of, varied
-from .study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
-from .study import Table as TableOfDesigns
-from .study.dataset import status_name
-from .study.folder import MANIFEST
-from .tables import Table as PrintedTable
+from .. import config as configs
+from ..config.keys import Table, Varied, quantity, states_of, varied
+from ..errors import ConfigError, InputError, located
+from ..folders import check_folder, contents, free_name, write_whole
+from ..leaves import Leaf
+from ..progress import LINE_SECONDS
+from ..quantities import State, solution_at
+from ..reasons import Reason
+from ..results import Status, in_units
+from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
+from ..study import Table as TableOfDesigns
+from ..study.dataset import status_name
+from ..study.folder import MANIFEST
+from ..tables import Table as PrintedTable
+from .files import plain
 
 
 class VariableTable(Table):
@@ -271,7 +272,7 @@ def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], Non
 def _draw(study: Study, data: xr.Dataset, folder: Path) -> None:
     if study.designs.count < 2:
         return
-    from . import plots
+    from .. import plots
 
     plots.study(data).savefig(folder / "study.png")
 
@@ -331,3 +332,16 @@ def _reason(study: Study, scene: str, at: State, designs: np.ndarray) -> str:
 
 def _quantity_names(data: xr.Dataset) -> list[str]:
     return [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
+
+
+def spread(folder: Path) -> dict[str, Any]:
+    """How far the quantities of a study spread, in SI."""
+    found: dict[str, Any] = {}
+    with load_study(folder) as data:
+        for name, values in data.data_vars.items():
+            if "status" in values.attrs:
+                known = np.asarray(values)[np.isfinite(values)]
+                ends = [known.min(), np.median(known), known.max()] if known.size else [np.nan] * 3
+                found[str(name)] = {"unit": values.attrs["units"], "answered": int(known.size)}
+                found[str(name)] |= dict(zip(("least", "median", "most"), map(plain, ends), strict=True))
+    return found

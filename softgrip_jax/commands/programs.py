@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..cache import FOLDER, LEAST_SECONDS, silence, user_folder
-from .app import write_file
+from ..folders import write_whole
 
 PACKAGE = Path(__file__).resolve().parent.parent
 OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
@@ -82,7 +82,7 @@ def kept(function: Callable[..., Any], *args: Any) -> Any:
         with contextlib.suppress(Exception):
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
-            write_file(file, lambda path: path.write_bytes(content))
+            write_whole(file, content)
     from jaxlib.version import __version_info__ as version
 
     options = QUICKLY if jax.default_backend() == "cpu" and version < SEEN_BELOW else None

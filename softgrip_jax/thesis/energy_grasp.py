@@ -1,6 +1,6 @@
 """Grasps of the thesis (3.4.4, 3.4.5) by the energy membrane, beside its arcs: a page of the documentation.
 
-python -m softgrip_jax.reproduce.energy_grasp > docs/energy-grasp.md
+python -m softgrip_jax.thesis.energy_grasp > docs/energy-grasp.md
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import thesis
 from ..results import Solution
 from ..scene import solve
 from ..shell.cylinder import AxialOffset, CylinderContact
 from ..shell.grasp import tilt_moment
 from ..units import GRAVITY, gram, mm
+from . import printed as thesis
 from .rows import stacked
 
 
@@ -86,7 +86,7 @@ def page(held: Sequence[Held], tilted: Sequence[Tilted]) -> str:
         "",
         "The flat shell of the thesis on its cylinder (radius 20 mm), computed with the "
         "[energy membrane](theory/energy.md) at the pressures that tables 6.1 and 6.2 print. Written by "
-        "`python -m softgrip_jax.reproduce.energy_grasp`; do not edit by hand.",
+        "`python -m softgrip_jax.thesis.energy_grasp`; do not edit by hand.",
         "",
         "## Axial offset (3.4.4, table 6.1)",
         "",

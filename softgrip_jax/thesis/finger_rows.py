@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from .. import thesis
 from ..results import Status, in_units
 from ..units import gram, mm
+from . import printed as thesis
 from .fingers import AT_21, AT_31, NODES, PRESSURES, RADII, STEP, Fingers
 from .rows import Row, Verdict, deviation, missing, number, statement
 from .shells import MEASURED, rising

@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 
 import pydantic
 
-from . import config as configs
-from .errors import ConfigError, located
-from .leaves import Scenes
-from .quantities import (
+from .. import config as configs
+from ..errors import ConfigError, located
+from ..leaves import Scenes
+from ..quantities import (
     AT_REST,
     LIMIT_PRESSURE,
     MARGINS,
@@ -32,9 +32,9 @@ from .quantities import (
     observables_of,
     rules_at_rest,
 )
-from .reasons import RULE_NAMES
-from .scene import Scene
-from .units import DISPLAY, unit_key
+from ..reasons import RULE_NAMES
+from ..scene import Scene
+from ..units import DISPLAY, unit_key
 
 
 class Table(pydantic.BaseModel):

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import plots, thesis
+from .. import plots
 from ..plots import Curve, Diagram
 from ..results import Solution, Status
 from ..units import degree, kPa, mm
+from . import printed as thesis
 from . import shells as shell_rows
 from .fingers import AT_31, Fingers
 from .rows import lane

@@ -6,7 +6,7 @@
 
 All of it may be left out: then every number of the scene counts that is not zero, and every observable in the state
 that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distributed, in the unit of the name. Names and
-states are those of `softgrip_jax.sections`.
+states are those of `softgrip_jax.config.keys`.
 
 The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png and, where there
 are tolerances, tolerances.csv.
@@ -23,17 +23,18 @@ import pydantic
 import xarray as xr
 from rich.console import Console
 
-from . import config as configs
-from .errors import located
-from .folders import contents, new_folder
-from .leaves import Leaf
-from .progress import stages
-from .quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
-from .results import Status, in_units
-from .sections import Table, Varied, all_numbers, quantity, states_of, varied
-from .study import sensitivity
+from .. import config as configs
+from ..config.keys import Table, Varied, all_numbers, quantity, states_of, varied
+from ..errors import located
+from ..folders import contents, new_folder
+from ..leaves import Leaf
+from ..progress import stages
+from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
+from ..results import Status, in_units
+from ..study import sensitivity
+from ..tables import Table as PrintedTable
+from .files import plain
 from .sweep import ObservableTable
-from .tables import Table as PrintedTable
 
 
 class VariableTable(Table):
@@ -111,7 +112,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
 
 def _per_entry(config: configs.Config, wanted: Wanted) -> list[float | None]:
     """Tolerances of leaves as those of the entries of the vector: a list of numbers shares one."""
-    from .leaves import Leaves
+    from ..leaves import Leaves
 
     sizes = Leaves(config.scenes, [Leaf(number.name) for number in wanted.numbers]).sizes
     return [t for t, size in zip(wanted.tolerances, sizes, strict=True) for _ in range(size)]
@@ -138,7 +139,7 @@ def _write(folder: Path, data: xr.Dataset) -> None:
 def _draw(folder: Path, data: xr.Dataset) -> None:
     answered = data.isel(quantity=np.flatnonzero(data["status"].values == Status.OK))
     if answered.sizes["quantity"]:
-        from . import plots
+        from .. import plots
 
         plots.elasticities(answered).savefig(folder / "elasticities.png")
 
@@ -188,3 +189,15 @@ def _signed(value: Any) -> str:
 
 def _number(value: Any, kind: str) -> str:
     return in_units(float(f"{float(value):.1e}"), kind).split(" ")[0]
+
+
+def as_data(folder: Path) -> dict[str, Any]:
+    """Values and elasticities of the quantities of an analysis, in SI."""
+    found: dict[str, Any] = {}
+    with xr.open_dataset(folder / "sensitivity.nc", engine="h5netcdf") as data:
+        for one in map(str, data["quantity"].values):
+            row = data.sel(quantity=one)
+            slopes = zip(map(str, row["by"].values), map(plain, row["elasticity"].values), strict=True)
+            unit = str(row["unit"].values)
+            found[one] = {"value": plain(row["value"]), "unit": unit, "elasticity": dict(slopes)}
+    return found

@@ -10,13 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .. import thesis
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.scenes import Free
 from ..progress import Tell, silent
 from ..results import Solution, Status
 from ..scene import limit_pressure, pressure_for
 from ..units import kPa, mm
+from . import printed as thesis
 from .rows import Batch, stacked
 
 PRESSURES = np.array([11.0, 21, 31, 41, 51, 61, 71]) * kPa

@@ -18,7 +18,7 @@ from rich.text import Text
 from ..folders import contents, new_folder, write_whole
 from ..progress import stages
 from ..tables import Table
-from .rows import Row, Verdict
+from ..thesis.rows import Row, Verdict
 
 PAGE = "reproduction.md"
 STYLES = {
@@ -35,7 +35,7 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
     Ctrl-C keeps the rows that are done, in the folder and in the report, and is raised again. What was compiled is kept
     by JAX's cache, so that the next run is soon as far.
     """
-    from . import finger_rows, fingers, pictures, shells
+    from ..thesis import finger_rows, fingers, pictures, shells
 
     rows: list[Row] = []
     drawn: list[tuple[str, str]] = []

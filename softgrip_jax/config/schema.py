@@ -10,11 +10,11 @@ from typing import Any
 
 import pydantic
 
-from . import config as configs
-from .objects import Friction
-from .scene import Scene
-from .starter import documented
-from .units import DISPLAY, unit_key
+from .. import config as configs
+from ..objects import Friction
+from ..scene import Scene
+from ..units import DISPLAY, unit_key
+from .template import documented
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 FILE = {"type": "string", "pattern": r"\.toml$", "description": "a file beside the config that has this section"}

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 
 from ..results import Solution, in_units
 from ..scene import solve
-from ..thesis import Printed
+from .printed import Printed
 
 
 class Verdict(enum.Enum):

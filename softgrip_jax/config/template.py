@@ -15,16 +15,16 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from . import config as configs
-from . import thesis
-from .checked import wanted
-from .errors import InputError
-from .objects import Friction
-from .pneunet.finger import PRESETS as FINGERS
-from .pneunet.finger import PneuNet
-from .scene import Scene
-from .shell.cylinder import AxialOffset
-from .units import DISPLAY, degree, gram, kPa, mm, unit_key
+from .. import config as configs
+from ..errors import InputError
+from ..fields import wanted
+from ..objects import Friction
+from ..pneunet.finger import PRESETS as FINGERS
+from ..pneunet.finger import PneuNet
+from ..scene import Scene
+from ..shell.cylinder import AxialOffset
+from ..thesis import printed as thesis
+from ..units import DISPLAY, degree, gram, kPa, mm, unit_key
 
 PRESSURE = 15 * kPa
 """Asked in a starter that needs a pressure: shells and fingers are well inflated and far from their limits."""

@@ -1,0 +1,1 @@
+"""The commands, one file each: what it reads, does and writes. Their options are declared in `softgrip_jax.cli`."""

@@ -1,0 +1,217 @@
+"""`softgrip path CONFIG.toml`: one scene through a range of pressures.
+
+Reads the scene of a config; prints or writes a table with a row per pressure, and draws the curve or an animation.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from contextlib import nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+
+from ..errors import ConfigError
+from ..folders import write_whole
+from ..progress import Tell, silent
+from .files import PICTURES, check_file, one_scene, plain, tell_file
+
+if TYPE_CHECKING:
+    from ..results import Solution
+
+
+def run_path(
+    config: Path,
+    from_kpa: float,
+    to_kpa: float | None,
+    points: int,
+    through_limit: bool,
+    observable: str | None,
+    scene: str | None,
+    as_json: bool,
+    csv_file: Path | None,
+    plot: Path | None,
+    animate: Path | None,
+) -> bool:
+    """Follow the scene of a config and report; returns whether any row has a state. The arguments are the options."""
+    import numpy as np
+
+    from .. import config as configs
+    from ..progress import stages
+    from ..scene import branch, limit_pressure
+    from ..units import kPa
+
+    for file, option, endings in (
+        (csv_file, "--csv", (".csv",)),
+        (plot, "--plot", PICTURES),
+        (animate, "--animate", (".gif",)),
+    ):
+        if file is not None:
+            check_file(file, option, endings)
+    asked = one_scene(config, scene).scene
+    if animate is not None:
+        from ..plots import has_picture
+
+        if not has_picture(asked):
+            raise ConfigError(f"--animate: there is no picture of a {type(asked).__name__} yet.")
+    shown = observable_of(asked, observable)
+    aside = Console(stderr=True)
+    stopped = False
+    # Without a terminal nobody waits for words, and what is written to a log is what was asked for.
+    with stages(aside) if aside.is_terminal else nullcontext(silent) as tell:
+        tell("compiling, then solving")
+        first = configs.read_numbers(from_kpa, "--from-kPa", "nonnegative", "pressure", [""])
+        limit = float(limit_pressure(asked)) if through_limit or to_kpa is None else None
+        if to_kpa is None:
+            if limit is None or not np.isfinite(limit):
+                raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
+            last = limit
+        else:
+            last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
+        if through_limit and limit is not None and limit <= last:
+            last, through = limit, True
+        else:
+            through = False  # nothing behind the limit is asked for
+        if last <= first:
+            raise ConfigError(f"--from-kPa is {from_kpa:g}, the curve ends at {last / kPa:g} kPa; it must rise.")
+        if through:
+            curve = from_pressure(branch(asked, points), first)
+        else:
+            curve, stopped = followed(asked, np.linspace(first, last, points), tell)
+        header, rows = table_of(curve)
+    if csv_file is not None:
+
+        def write(path: Path) -> None:
+            with path.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows([header, *rows])
+
+        write_whole(csv_file, write)
+        tell_file("The table", csv_file, as_json)
+    if as_json:
+        typer.echo(json.dumps(batch_as_data(curve), indent=2, allow_nan=False))
+    elif csv_file is None and plot is None and animate is None:
+        csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
+    good = np.asarray(curve.status) == 0
+    if not good.any() and not stopped:
+        print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
+        return False
+    if plot is not None and good.any():
+        from ..plots import curve_of
+
+        write_whole(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
+        tell_file("The picture", plot, as_json)
+    if stopped:
+        print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
+        raise KeyboardInterrupt
+    if animate is not None:
+        from ..plots import animate as animated
+
+        pressures = np.asarray(curve.pressure)[good]
+        rising = pressures[: int(np.argmax(pressures)) + 1]
+        with aside.status("drawing") as status:
+            write_whole(
+                animate,
+                lambda path: animated(asked, rising, path, lambda k, n: status.update(f"drawing: {k} of {n}")),
+            )
+        tell_file("The animation", animate, as_json)
+    return True
+
+
+CHUNK, MARKS = 16, 20
+"""Pressures that are solved together between two looks at whether to go on, and how often there are such at most."""
+
+
+def followed(scene: Any, pressures: Any, tell: Tell) -> tuple[Solution, bool]:
+    """(the states at the pressures, whether Ctrl-C cut them short): in parts of one size, by one program."""
+    import jax
+    import numpy as np
+
+    from ..scene import path
+
+    size = min(len(pressures), max(CHUNK, -(-len(pressures) // MARKS)))
+    parts, stopped = [], False
+    try:
+        for first in range(0, len(pressures), size):
+            own = pressures[first : first + size]
+            count = len(own)
+            filled = np.append(own, np.full(size - count, own[-1]))
+            parts.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], path(scene, filled)))
+            tell("pressures solved", first + count, len(pressures))
+    except KeyboardInterrupt:
+        if not parts:
+            raise
+        stopped = True
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts), stopped
+
+
+def from_pressure(curve: Solution, first: float) -> Solution:
+    """A branch without the points on its way up that are below a pressure, Pa."""
+    import dataclasses
+
+    import jax
+    import numpy as np
+
+    pressures = np.asarray(curve.pressure)
+    wanted = (pressures >= first) | (np.arange(len(pressures)) > int(np.nanargmax(pressures)))
+
+    # The scene may be one for all states.
+    states = {f.name: getattr(curve, f.name) for f in dataclasses.fields(curve) if f.name != "scene"}
+    return dataclasses.replace(curve, **jax.tree.map(lambda x: x[wanted], states))
+
+
+def observable_of(scene: Any, key: str | None) -> str:
+    """The observable that a key with its unit names; the first of the scene that is a number where none is given."""
+    from ..units import unit_key
+
+    names = {unit_key(name, kind): name for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"}
+    if key is None:
+        return next(iter(names.values()))
+    if key not in names:
+        raise ConfigError(f"--observable is {key!r}; it must be one of {', '.join(names)}.")
+    return names[key]
+
+
+def table_of(curve: Solution) -> tuple[list[str], list[list[Any]]]:
+    """(header, rows) of a curve; keys as in configs, empty cells where there is no state."""
+    import numpy as np
+
+    from ..reasons import Reason
+    from ..results import Status
+    from ..units import DISPLAY, unit_key
+
+    columns = {unit_key("pressure", "pressure"): np.asarray(curve.pressure) / DISPLAY["pressure"][1]}
+    for name, kind in type(curve.scene).OBSERVABLES.items():
+        values = np.asarray(curve.observables[name]) / DISPLAY[kind][1]
+        if kind == "position":
+            columns |= {unit_key(f"{name}.{axis}", kind): values[:, k] for k, axis in enumerate("xy")}
+        else:
+            columns[unit_key(name, kind)] = values
+    cells = [[f"{v:.10g}" if np.isfinite(v) else "" for v in column] for column in columns.values()]
+    status = [Status(int(s)).name for s in np.asarray(curve.status)]
+    reason = [Reason(int(r)).name for r in np.asarray(curve.reason)]
+    rows = zip(*cells, status, reason, strict=True)
+    return [*columns, "status", "reason"], [list(row) for row in rows]
+
+
+def batch_as_data(curve: Solution) -> dict[str, Any]:
+    """A curve as plain data in SI."""
+    import numpy as np
+
+    from ..config.modules import type_name
+    from ..results import Status
+    from ..units import SI
+
+    kinds = type(curve.scene).OBSERVABLES
+    return {
+        "scene": type_name(type(curve.scene)),
+        "status": [Status(int(s)).name for s in np.asarray(curve.status)],
+        "reason": [str(text) for text in curve.reason_text()],
+        "margins": {name: plain(margin) for name, margin in curve.margins.items()},
+        "pressure": plain(curve.pressure),
+        "observables": {name: plain(curve.observables[name]) for name in kinds},
+        "units": {"pressure": SI["pressure"]} | {name: SI[kind] for name, kind in kinds.items()},
+    }

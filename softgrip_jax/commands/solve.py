@@ -1,0 +1,151 @@
+"""`softgrip solve CONFIG.toml`: one scene at one state.
+
+Reads the scene of a config and what [solve] asks; prints the state, for people or as JSON, and writes a picture.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+
+from ..errors import ConfigError, located
+from ..folders import write_whole
+from .files import PICTURES, check_file, one_scene, plain, tell_file
+from .programs import kept
+
+if TYPE_CHECKING:
+    from ..results import Solution
+
+
+def run_solve(
+    config: Path,
+    pressure_kpa: float | None,
+    scene: str | None,
+    as_json: bool,
+    plot: Path | None,
+    tolerance: str | None,
+    observable: str | None,
+) -> bool:
+    """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
+    from .. import config as configs
+    from ..fidelity import choose
+    from ..scene import _pressure_for, _solve, to_reach, to_solve
+
+    if plot is not None:
+        check_file(plot, "--plot", PICTURES)
+    if observable is not None and tolerance is None:
+        raise ConfigError("--observable says whose error --tolerance is about; give --tolerance too.")
+    allowed = _share(tolerance) if tolerance is not None else None
+    read = one_scene(config, scene)
+    if pressure_kpa is None:
+        asked = configs.question(read)
+    else:
+        asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
+    choice = None
+    # A scene itself may not take what is asked as a question.
+    with Console(stderr=True).status("solving"), located(f"{config}, [solve]"):
+        if allowed is not None:
+            choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
+            solution = choice.solution
+        elif "pressure" in asked:
+            solution = kept(_solve, *to_solve(read.scene, **asked))
+        else:
+            solution = kept(_pressure_for, *to_reach(read.scene, **asked))
+    if as_json:
+        chosen = {"fidelity": choice.as_data()} if choice is not None else {}
+        typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
+    else:
+        report(solution, Console(), "pressure" in asked)
+        if choice is not None:
+            typer.echo(choice)
+    if int(solution.status) != 0:
+        if plot is not None:
+            print("No picture: there is no state to draw.", file=sys.stderr)
+        return False
+    if plot is not None:
+        from ..plots import draw
+
+        with located("--plot"):  # a scene that nothing is drawn of
+            picture = draw(solution)
+        write_whole(plot, picture.savefig)
+        tell_file("The picture", plot, as_json)
+    return True
+
+
+def _share(text: str) -> float:
+    """'1%' or '0.01' as a number."""
+    import math
+
+    try:
+        share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
+    except ValueError:
+        share = math.nan
+    if not 0 < share < math.inf:
+        raise ConfigError(f"--tolerance is {text!r}; it must be a positive share, for instance 1% or 0.01.")
+    return share
+
+
+def as_data(solution: Solution) -> dict[str, Any]:
+    """A solution as plain data in SI; what is not a finite number is None."""
+    from ..config.modules import type_name
+    from ..results import Status
+    from ..units import SI
+
+    status = Status(int(solution.status))
+    kinds = type(solution.scene).OBSERVABLES
+    return {
+        "scene": type_name(type(solution.scene)),
+        "status": status.name,
+        "message": status.message,
+        "reason": solution.reason_text(),
+        "margins": {name: plain(margin) for name, margin in solution.margins.items()},
+        "pressure": plain(solution.pressure),
+        "residual": plain(solution.residual),
+        "iterations": int(solution.iterations),
+        "observables": {name: plain(solution.observables[name]) for name in kinds},
+        "units": {"pressure": SI["pressure"]} | {name: SI[kind] for name, kind in kinds.items()},
+    }
+
+
+def nearest_rule(solution: Solution) -> tuple[str, str] | None:
+    """(rule, margin) of the one that is nearest to being broken, or broken by most where that is ignored."""
+    from ..reasons import BROKEN
+    from ..results import in_units
+
+    known = {name: float(margin) for name, margin in solution.margins.items() if float(margin) == float(margin)}
+    if not known:
+        return None
+    name = min(known, key=lambda name: known[name])
+    words = "" if known[name] >= -BROKEN else " (broken, and ignored)"
+    return name, f"{in_units(known[name], 'length')}{words}"
+
+
+def report(solution: Solution, console: Console, given_pressure: bool = True) -> None:
+    """The state as a table for people; at a given pressure with what a gripper could hold at most."""
+    from .. import pneunet
+    from ..config.modules import type_name
+    from ..results import Status, in_units
+    from ..scene import limit_pressure
+    from ..tables import Table
+
+    table = Table(title=type_name(type(solution.scene)), show_header=False, title_justify="left")
+    table.add_column(no_wrap=True)
+    table.add_column()
+    for name, value in solution.rows():
+        good = int(solution.status) == Status.OK
+        table.add_row(name, value, style="bold" if name == "status" and not good else None)
+    rule = nearest_rule(solution) if int(solution.status) == Status.OK else None
+    if rule is not None:
+        table.add_row("least margin of a rule", f"{rule[0]}: {rule[1]}")
+    scene = solution.scene
+    if given_pressure and isinstance(scene, pneunet.Grasp) and int(solution.status) == Status.OK:
+        heaviest = pneunet.largest_mass(scene, solution.pressure)
+        table.add_row("largest mass", in_units(heaviest, "mass"))
+    if int(solution.status) == Status.BEYOND_LIMIT:
+        table.add_row("limit pressure", in_units(limit_pressure(solution.scene), "pressure"))
+    console.print(table)

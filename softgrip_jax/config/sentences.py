@@ -1,0 +1,44 @@
+"""What is wrong with a config, in one sentence: what was found and what is allowed."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from typing import Any
+
+from .. import pneunet as pneunet
+from .. import shell as shell
+from ..errors import ConfigError as ConfigError
+from ..units import unit_key as unit_key
+
+# --- sentences --------------------------------------------------------------------------------------------------------
+
+
+def pick(name: Any, options: dict[str, Any], place: str) -> Any:
+    if isinstance(name, str) and name in options:
+        return options[name]
+    close = difflib.get_close_matches(str(name), options, 1)
+    hint = f"did you mean {close[0]!r}?" if close else f"it must be one of {', '.join(map(repr, options))}."
+    raise ConfigError(f"{place} is {shown(name)}; {hint}")
+
+
+def unknown(what: str, name: str, allowed: Iterable[str]) -> str:
+    allowed = list(allowed)
+    # 'radius' and 'radius_cm' for 'radius_mm': the same quantity in another unit comes before similar spelling.
+    same = [key for key in allowed if key.split("_")[0] == name.split("_")[0] and key.startswith(_stem(name))]
+    close = same[:1] or difflib.get_close_matches(name, allowed, 1)
+    if close:
+        return f"there is no {what}; did you mean {close[0]}?"
+    return f"there is no {what}; allowed are {', '.join(allowed)}." if allowed else f"there is no {what}."
+
+
+def _stem(name: str) -> str:
+    return name.rsplit("_", 1)[0]
+
+
+def shown(value: Any) -> str:
+    """A value as it stands in a config, cut where it is long."""
+    text = {True: "true", False: "false"}.get(value, "") if isinstance(value, bool) else repr(value)
+    text = f"{value:.12g}" if isinstance(value, float) else text
+    text = "a table" if isinstance(value, dict) else text
+    return text if len(text) <= 60 else text[:57] + "..."
