@@ -104,8 +104,8 @@ def newton_bracketed(
     constants = lax.stop_gradient(constants)
     eps = jnp.finfo(low.dtype).eps
 
-    # last: the size of the last move, negative where it was no Newton step, and 0 once the search is over. Few arrays go
-    # round the loop: in a large batch it is they that take the time.
+    # last: the size of the last move, negative where it was no Newton step, and 0 once the search is over. Few arrays
+    # go round the loop: in a large batch it is they that take the time.
     def step(state):
         x, low, high, last, count = state
         f, slope = map(once, jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),)))
