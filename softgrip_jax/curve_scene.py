@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
+from .numerics.once import once
 from .numerics.roots import implicit
 from .reasons import Reason
 from .results import Status, gate
@@ -143,7 +144,7 @@ class CurveScene(Scene):
             touches = (approach.touch <= jnp.where(falls, peak, end)) & (approach.begins <= limit)
         else:
             touches = ~falls & (approach.touch <= end)
-        return touches, peak, limit
+        return once(touches.astype(peak.dtype)) > 0, peak, limit
 
     def stop(self, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
         """The angle where the rising part of the load ends: its first maximum, or the end of the interval.

@@ -186,6 +186,6 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     guess = x[low] + (high - x[low]) * (target - y[low]) / jnp.where(rise == 0, 1.0, rise)
     high = jnp.where(exists, high, x[low])  # nothing is looked for where there is nothing
     root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
-    swing = jnp.abs(root.slope) * jnp.maximum(jnp.abs(root.x), 1.0)
+    swing = jnp.abs(slope_of(function)(root.x)) * jnp.maximum(jnp.abs(root.x), 1.0)
     swing = jnp.where(jnp.isfinite(swing), swing, 0.0)
     return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))

@@ -52,6 +52,8 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
+LEAST_BEND = 1e-2
+"""Of the equations, as far as two moves can tell: a move of 1e-7 is the last one."""
 ROUNDED = 1e-13
 """Moves below this are rounding alone: from a point of the path itself they are of one size from the first one on."""
 
@@ -158,9 +160,10 @@ def _newton_step(
 
 
 def _next_move(newton: Newton) -> Scalar:
-    """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving."""
+    """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving, nor C to be
+    less than LEAST_BEND: the first move may lie along the path, where nothing bends."""
     ratio = jnp.where(jnp.isfinite(newton.before_last), newton.last / newton.before_last, 1.0)
-    return newton.last * jnp.minimum(ratio, 1.0) ** 2
+    return newton.last * jnp.maximum(jnp.minimum(ratio, 1.0) ** 2, LEAST_BEND * newton.last)
 
 
 def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) -> Bool[Array, ""]:

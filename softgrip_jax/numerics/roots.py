@@ -16,6 +16,8 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
+from .once import once
+
 MAX_BRACKET_STEPS = 100
 """Bisection alone halves a bracket to the last bit of a double in about 60 steps (more for a root at zero);
 interpolation usually needs 7."""
@@ -26,8 +28,6 @@ class Root(NamedTuple):
 
     x: Float[Array, ""]
     iterations: Int[Array, ""]
-    slope: Float[Array, ""] | float = 0.0
-    """Of the function where it was last evaluated, where that is known."""
 
 
 def bracketed_root(
@@ -104,32 +104,34 @@ def newton_bracketed(
     constants = lax.stop_gradient(constants)
     eps = jnp.finfo(low.dtype).eps
 
+    # last: the size of the last move, negative where it was no Newton step, and 0 once the search is over. Few arrays
+    # go round the loop: in a large batch it is they that take the time.
     def step(state):
-        x, low, high, last, newton, _, _, count = state
-        f, slope = jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),))
+        x, low, high, last, count = state
+        f, slope = map(once, jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),)))
         above = f > 0
         low, high = jnp.where(above, low, x), jnp.where(above, x, high)
         move = f / slope
-        # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything. The
-        # first move and one that follows a bisection tell nothing (`newton` is zero then), however short they are.
         size = jnp.abs(move)
+        good = (x - move > low) & (x - move < high) & (size <= 0.5 * jnp.abs(last))
+        # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything. The
+        # first move and one that follows a bisection tell nothing, however short they are.
+        newton = jnp.maximum(last, 0.0)
         settled = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * newton**2)
         settled |= size <= eps * jnp.abs(x)
-        good = (x - move > low) & (x - move < high) & (jnp.abs(move) <= 0.5 * last)
-        middle = 0.5 * (low + high)
-        new = jnp.where(settled, jnp.clip(x - move, low, high), jnp.where(good, x - move, middle))
-        last = jnp.where(settled, 0.0, jnp.abs(new - x))
-        return new, low, high, last, jnp.where(good, size, 0.0), settled, slope, count + 1
+        new = jnp.where(good, x - move, 0.5 * (low + high))
+        last = jnp.where(good, size, -jnp.abs(new - x))
+        new = jnp.where(settled, jnp.clip(x - move, low, high), new)
+        return new, low, high, jnp.where(settled, 0.0, last), count + 1
 
     def busy(state):
-        x, low, high, _, _, settled, _, count = state
-        return ~settled & (high - low > 2 * eps * jnp.abs(x)) & (count < MAX_BRACKET_STEPS)
+        x, low, high, last, count = state
+        return (last != 0) & (high - low > 2 * eps * jnp.abs(x)) & (count < MAX_BRACKET_STEPS)
 
     inside = (guess >= low) & (guess <= high)
-    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, high - low)
-    start = (*start, jnp.zeros_like(high), jnp.asarray(False), jnp.zeros_like(high), jnp.asarray(0))
-    x, *_, slope, count = lax.while_loop(busy, step, start)
-    return Root(x, count, slope)
+    start = (jnp.where(inside, guess, 0.5 * (low + high)), low, high, low - high, jnp.asarray(0))
+    x, *_, count = lax.while_loop(busy, step, start)
+    return Root(x, count)
 
 
 def select(condition: Bool[Array, ""], a: Any, b: Any) -> Any:

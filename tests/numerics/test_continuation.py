@@ -14,8 +14,12 @@ from hypothesis import strategies as st
 from softgrip_jax.numerics.paths import (
     BIFURCATION,
     ENDED,
+    FINE,
     FOLD,
     REACHED,
+    Newton,
+    _converged,
+    _goes_on,
     fold_load,
     follow,
     trace,
@@ -143,6 +147,14 @@ def test_a_goal_that_lies_a_little_behind_the_start_is_found():
     y, p, reason, _ = followed(CUBIC, 0.2, 0.2 - 0.008 / 3, 0.18)
     assert reason == REACHED
     assert (y, p) == pytest.approx((2 * np.sin(np.arcsin(1.5 * 0.18) / 3), 0.18), rel=1e-14)
+
+
+@pytest.mark.parametrize(("moves", "more"), [((1.3e-2, 2.4e-7), True), ((1e-3, 1e-6), True), ((1e-2, 9e-8), False)])
+def test_two_moves_tell_of_the_next_but_a_long_first_one_may_hide_what_bends(moves, more):
+    """By the ratio of the first pair 8e-17 is left; 2e-13 was, in a finger whose first move lay along the path."""
+    newton = Newton(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
+    assert bool(_goes_on(newton, 8, FINE)) == more
+    assert bool(_converged(newton, FINE)) != more
 
 
 # --- branches ---------------------------------------------------------------------------------------------------------
