@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softgrip_jax.leaves import Leaves, Scenes, between, require_range
+from softgrip_jax.parameters import Leaves, Scenes, between, require_range
 
 REFERENCE_INSET = 1e-3
 """A start on a bound is moved this part of the range inwards: exactly on it the sine map passes no gradient."""
@@ -26,7 +26,7 @@ class Variable:
     """A float leaf that may move (or several that move as one: tied).
 
     Args:
-        name: of the leaf, see `softgrip_jax.leaves`: "shell.a", "grasp.shell.a", "free.shell.a = grasp.shell.a".
+        name: of the leaf, see `softgrip_jax.parameters`: "shell.a", "grasp.shell.a", "free.shell.a = grasp.shell.a".
         low, high: bounds in SI; an array leaf has one variable per element, all between the same bounds.
         scale: "linear" or "log" (for quantities that matter by their ratio; bounds above zero).
         where: instead of looking `name` up, a function from the dictionary of scenes to the leaf or a tuple of leaves.

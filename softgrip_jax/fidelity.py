@@ -28,9 +28,10 @@ from .errors import InputError
 from .fields import require
 from .names import listing
 from .pneunet.finger_scene import PART_POINTS, FingerScene
+from .questions import pressure_for, solve
 from .results import Solution, Status
-from .scene import RESIDUAL_EPS, Scene, pressure_for, solve
-from .shell.energy_scene import EnergyScene
+from .scene import RESIDUAL_EPS, Scene
+from .shell.energy.scene import EnergyScene
 from .shell.flat_shell import ShellScene
 
 ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)

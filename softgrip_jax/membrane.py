@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from .materials import Material, nominal_stresses
+from .materials.base import Material, nominal_stresses
 from .numerics.once import cos_and_sin
 from .numerics.roots import implicit
 

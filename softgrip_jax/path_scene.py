@@ -17,13 +17,13 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .fields import choice
+from .load_path import BEGINNING, Ray, Span, onwards, proportional
 from .numerics.choice import larger
 from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
 from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
 from .results import Status, gate
 from .scene import FALLEN, Found, Scene, frozen
-from .spans import BEGINNING, Ray, Span, onwards, proportional
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]

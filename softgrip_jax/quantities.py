@@ -26,10 +26,11 @@ from jaxtyping import Array, Float, Int
 
 from .errors import InputError
 from .fields import admissible
-from .leaves import Scenes
+from .parameters import Scenes
+from .questions import limit_pressure, pressure_for, solve
 from .reasons import RULE_NAMES, Reason
 from .results import Solution, Status, in_units
-from .scene import Scene, limit_pressure, pressure_for, solve
+from .scene import Scene
 
 Scalar = Float[Array, ""]
 State = float | str | tuple[str, float] | None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -15,9 +15,6 @@ from jaxtyping import Array, Float, Int, PyTree
 from .batches import Batched
 from .reasons import Reason
 from .units import DISPLAY
-
-if TYPE_CHECKING:
-    from .scene import Scene
 
 
 class Status(enum.IntEnum):
@@ -51,7 +48,7 @@ class Solution(Batched):
     zero gradient.
     """
 
-    scene: Scene
+    scene: Any
     pressure: Float[Array, "*batch"]
     """Pa."""
     status: Int[Array, "*batch"]

@@ -15,7 +15,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 
 import softgrip_jax as sg
-from softgrip_jax.objects import FrictionTable
+from softgrip_jax.objects.friction import FrictionTable
 from softgrip_jax.units import gram, kPa, mm
 
 # One of each energy, all of the order of the thesis's silicone; the Yeoh stiffens, the Gent locks.

@@ -16,7 +16,7 @@ from softgrip_jax import thesis
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.config.keys import varied
 from softgrip_jax.errors import ConfigError
-from softgrip_jax.objects import FrictionTable
+from softgrip_jax.objects.friction import FrictionTable
 from softgrip_jax.units import kPa, mm
 
 GOOD = """[scene]

@@ -11,7 +11,7 @@ from fingers import TYPE_A, contact, free, pneunet, solved
 from scipy.integrate import solve_bvp
 
 import softgrip_jax as sg
-from softgrip_jax.pneunet.section import ExactNeoHookean
+from softgrip_jax.pneunet.section.exact import ExactNeoHookean
 from softgrip_jax.units import mm
 
 OK = int(sg.Status.OK)

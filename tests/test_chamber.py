@@ -9,16 +9,10 @@ import pytest
 from scipy.optimize import brentq
 
 import softgrip_jax as sg
-from softgrip_jax.pneunet.chamber import (
-    chamber,
-    contact_pressure,
-    end_moment,
-    pressure_of_moment,
-    small_strain_end_moment,
-    wall_limit,
-)
 from softgrip_jax.pneunet.finger import PneuNet
-from softgrip_jax.pneunet.scenes import TipContact
+from softgrip_jax.pneunet.tip_contact import TipContact
+from softgrip_jax.pneunet.wall.pressures import chamber, contact_pressure, end_moment, pressure_of_moment, wall_limit
+from softgrip_jax.pneunet.wall.small_strain import small_strain_end_moment
 from softgrip_jax.units import N_mm, kPa, mm
 
 moment = jax.jit(end_moment)

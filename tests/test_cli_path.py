@@ -103,7 +103,7 @@ def test_what_is_done_until_ctrl_c_is_kept(tmp_path, capsys, monkeypatch):
             raise KeyboardInterrupt
         return whole(scene, pressures)
 
-    monkeypatch.setattr("softgrip_jax.scene.path", interrupted)
+    monkeypatch.setattr("softgrip_jax.questions.path", interrupted)
     file, plot = tmp_path / "curve.csv", tmp_path / "curve.png"
     arguments = ["--to-kPa", "20", "--points", "41", "--csv", str(file), "--plot", str(plot)]
     assert run(["path", CYLINDER, *arguments]) == STOPPED

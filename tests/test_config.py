@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 import softgrip_jax as sg
 from optim.calibration import settings as calibrate_settings
 from softgrip_jax import config, fields, units
-from softgrip_jax.objects import FrictionTable
+from softgrip_jax.objects.friction import FrictionTable
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import gram, kPa, mm
 

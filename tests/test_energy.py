@@ -11,13 +11,13 @@ from helpers import shell
 from scipy.optimize import minimize
 
 import softgrip_jax as sg
-from softgrip_jax.materials import Material
+from softgrip_jax.materials.base import Material
 from softgrip_jax.results import Status
-from softgrip_jax.shell import energy
-from softgrip_jax.shell.basis import Grid, contact_tables
-from softgrip_jax.shell.energy_maps import contact_average
+from softgrip_jax.shell.energy import functional as energy
+from softgrip_jax.shell.energy.basis import Grid, contact_tables
+from softgrip_jax.shell.energy.maps import contact_average
+from softgrip_jax.shell.energy.sheet import tension_field
 from softgrip_jax.shell.obstacles import Cylinder, Obstacle, Plane, Shape, Sphere
-from softgrip_jax.shell.sheet import tension_field
 from softgrip_jax.units import kPa, mm
 
 # Finite elements (Q2/Q1 solids, nearly incompressible neo-Hookean, clamped, frictionless; FElupe 11.3, 0.2 to 0.5 %).

@@ -18,7 +18,7 @@ TESTED = {
     "softgrip_jax/commands/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
     "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
-    "softgrip_jax/study/folder.py": "a chunk that cannot be read, for whatever reason, is computed again",
+    "softgrip_jax/study/store.py": "a chunk that cannot be read, for whatever reason, is computed again",
 }
 """Files with a catch of everything, and why it hides nothing."""
 BLANKET = {"Exception", "BaseException", "ValueError", "TypeError", "RuntimeError", "ArithmeticError", "LookupError"}
@@ -82,7 +82,7 @@ def test_a_place_is_said_once():
 
 CALLS = {
     "solve": ("shell_free", "softgrip_jax.commands.solve.kept"),
-    "path": ("shell_free", "softgrip_jax.scene.limit_pressure"),
+    "path": ("shell_free", "softgrip_jax.questions.limit_pressure"),
     "sweep": ("shell_sweep", "softgrip_jax.commands.sweep.Study"),
     "sensitivity": ("shell_free", "softgrip_jax.commands.sensitivity.sensitivity"),
     "design": ("shell_grasp", "optim.design.run.search"),
@@ -91,7 +91,7 @@ CALLS = {
     "calibrate": ("calibrate_shell", "optim.calibration.run.calibrate"),
     "calibrate, its models": ("calibrate_shell", "optim.calibration.settings.Fitting"),
     "calibrate, a tension test": ("calibrate_tension", "optim.tension.run.compare"),
-    "solve, its scene": ("shell_free", "softgrip_jax.shell.free.Free.__check_init__"),
+    "solve, its scene": ("shell_free", "softgrip_jax.shell.arc.free.Free.__check_init__"),
 }
 """Command -> (config, what it calls that may raise anything)."""
 
@@ -143,7 +143,7 @@ def test_a_fault_has_a_code_of_its_own(monkeypatch, capsys):
 
 
 def test_a_manifest_that_is_no_json_is_the_users(tmp_path):
-    from softgrip_jax.study import folder
+    from softgrip_jax.study import store as folder
 
     (tmp_path / folder.MANIFEST).write_bytes(b"\xff{")
     with pytest.raises(ConfigError, match="is not readable"):

@@ -9,7 +9,8 @@ from fingers import TYPE_A, TYPES, contact, free, pneunet, solved, stacked
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
-from softgrip_jax.objects import Cone, Cylinder, HexagonalCylinder, ThreeFaceCone, required_normal_force
+from softgrip_jax.objects.friction import required_normal_force
+from softgrip_jax.objects.grasped import Cone, Cylinder, HexagonalCylinder, ThreeFaceCone
 from softgrip_jax.units import N_mm, gram, kPa, mm
 
 OK = int(sg.Status.OK)

@@ -7,7 +7,8 @@ import pytest
 from helpers import MATERIALS
 
 import softgrip_jax as sg
-from softgrip_jax.materials import PRESETS, nominal_stresses
+from softgrip_jax.materials.base import nominal_stresses
+from softgrip_jax.materials.presets import PRESETS
 from softgrip_jax.membrane import tensions
 from softgrip_jax.units import kPa, mm
 

@@ -14,8 +14,11 @@ import pytest
 from helpers import CASES, MATERIALS, shell
 
 import softgrip_jax as sg
-from softgrip_jax.materials import ClosedForms, InvariantMaterial, Material, nominal_stresses
-from softgrip_jax.pneunet.section import ExactNeoHookean, ExactQuadrature, section_law
+from softgrip_jax.materials.base import ClosedForms, Material, nominal_stresses
+from softgrip_jax.materials.laws import InvariantMaterial
+from softgrip_jax.pneunet.section.choice import section_law
+from softgrip_jax.pneunet.section.exact import ExactNeoHookean
+from softgrip_jax.pneunet.section.quadrature import ExactQuadrature
 from softgrip_jax.units import kPa, mm
 
 FINGER = sg.PneuNet.table_5_1("A")

@@ -11,16 +11,11 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.pneunet.finger import PneuNet
-from softgrip_jax.pneunet.section import (
-    ExactNeoHookean,
-    ExactQuadrature,
-    Inextensible,
-    Thesis,
-    bending_factor,
-    curvature_and_stretch,
-    moment_and_tension,
-    section_law,
-)
+from softgrip_jax.pneunet.section.choice import curvature_and_stretch, moment_and_tension, section_law
+from softgrip_jax.pneunet.section.exact import ExactNeoHookean, bending_factor
+from softgrip_jax.pneunet.section.inextensible import Inextensible
+from softgrip_jax.pneunet.section.quadrature import ExactQuadrature
+from softgrip_jax.pneunet.section.thesis import Thesis
 from softgrip_jax.units import N_mm, kPa
 
 EXACT, THESIS = ExactNeoHookean(), Thesis()

@@ -27,7 +27,7 @@ from softgrip_jax.errors import ConfigError
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table
 from softgrip_jax.study import study as chunks
-from softgrip_jax.study.folder import CHUNKS, run_in
+from softgrip_jax.study.store import CHUNKS, run_in
 from softgrip_jax.units import kPa, mm
 
 A, T = Range(10 * mm, 22 * mm), Range(0.5 * mm, 2 * mm, "log")

@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import softgrip_jax as sg
-from softgrip_jax import scene as scenes
+from softgrip_jax import questions
+from softgrip_jax import scene as scene_module
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.units import N_mm, gram, kPa, mm
 
@@ -105,8 +106,8 @@ def value_of(case: Case) -> Callable[[Any, Any], jax.Array]:
 
     def value(scene, pressure):
         if case.pressure is None:
-            return scenes._pressure_for.__wrapped__(scene, *scene.target()).pressure
-        return scenes._solve.__wrapped__(scene, pressure).observables[case.observable]
+            return questions._pressure_for.__wrapped__(scene, *scene.target()).pressure
+        return scene_module.equilibrium.__wrapped__(scene, pressure).observables[case.observable]
 
     return value
 

@@ -7,8 +7,9 @@ import jax
 import jax.numpy as jnp
 import optimistix as optx
 
-from softgrip_jax.pneunet.chamber import end_moment
-from softgrip_jax.pneunet.section import ExactNeoHookean, section_law
+from softgrip_jax.pneunet.section.choice import section_law
+from softgrip_jax.pneunet.section.exact import ExactNeoHookean
+from softgrip_jax.pneunet.wall.pressures import end_moment
 
 
 def rates(law, m, z, stretch, dm, dn):

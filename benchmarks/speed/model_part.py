@@ -66,7 +66,7 @@ def measure(quick: bool) -> Iterator[dict[str, Any]]:
         return tip
 
     def curved(section):
-        from softgrip_jax.pneunet.section import curvature_and_stretch
+        from softgrip_jax.pneunet.section.choice import curvature_and_stretch
 
         return lambda m: curvature_and_stretch(section, finger, m * N_mm, 0.0)[0] * finger.H
 

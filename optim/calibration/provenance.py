@@ -6,7 +6,7 @@ import tomli_w
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
-from softgrip_jax.materials import Material
+from softgrip_jax.materials.base import Material
 
 
 def provenance(name: str) -> str:

@@ -23,7 +23,7 @@ from rich.console import Console
 from softgrip_jax import config as configs
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import Undisturbed, new_folder
-from softgrip_jax.materials import Material
+from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY, unit_key
 

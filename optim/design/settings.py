@@ -28,7 +28,7 @@ import pydantic
 from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Table, quantity, state_of, varied
 from softgrip_jax.errors import ConfigError, located
-from softgrip_jax.leaves import Scenes
+from softgrip_jax.parameters import Scenes
 from softgrip_jax.quantities import SHAPE, Quantity, State
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY, mm, unit_key

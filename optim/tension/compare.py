@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from softgrip_jax.errors import InputError
-from softgrip_jax.materials import Material
+from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 

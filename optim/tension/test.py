@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 
 from softgrip_jax import materials
 from softgrip_jax.fields import Checked, part
-from softgrip_jax.materials import Material, nominal_stresses
+from softgrip_jax.materials.base import Material, nominal_stresses
 
 from ..space import Variable
 

@@ -42,7 +42,7 @@ def run_path(
 
     from .. import config as configs
     from ..progress import stages
-    from ..scene import branch, limit_pressure
+    from ..questions import branch, limit_pressure
     from ..units import kPa
 
     for file, option, endings in (
@@ -130,7 +130,7 @@ def followed(scene: Any, pressures: Any, tell: Tell) -> tuple[Solution, bool]:
     import jax
     import numpy as np
 
-    from ..scene import path
+    from ..questions import path
 
     size = min(len(pressures), max(CHUNK, -(-len(pressures) // MARKS)))
     parts, stopped = [], False

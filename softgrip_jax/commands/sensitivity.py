@@ -27,7 +27,7 @@ from .. import config as configs
 from ..config.keys import Table, Varied, all_numbers, quantity, states_of, varied
 from ..errors import located
 from ..folders import contents, new_folder
-from ..leaves import Leaf
+from ..parameters import Leaf
 from ..progress import stages
 from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
 from ..results import Status, in_units
@@ -112,7 +112,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
 
 def _per_entry(config: configs.Config, wanted: Wanted) -> list[float | None]:
     """Tolerances of leaves as those of the entries of the vector: a list of numbers shares one."""
-    from ..leaves import Leaves
+    from ..parameters import Leaves
 
     sizes = Leaves(config.scenes, [Leaf(number.name) for number in wanted.numbers]).sizes
     return [t for t, size in zip(wanted.tolerances, sizes, strict=True) for _ in range(size)]

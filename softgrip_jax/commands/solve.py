@@ -34,7 +34,8 @@ def run_solve(
     """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
     from .. import config as configs
     from ..fidelity import choose
-    from ..scene import _pressure_for, _solve, to_reach, to_solve
+    from ..questions import _pressure_for, to_reach, to_solve
+    from ..scene import equilibrium
 
     if plot is not None:
         check_file(plot, "--plot", PICTURES)
@@ -53,7 +54,7 @@ def run_solve(
             choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
             solution = choice.solution
         elif "pressure" in asked:
-            solution = kept(_solve, *to_solve(read.scene, **asked))
+            solution = kept(equilibrium, *to_solve(read.scene, **asked))
         else:
             solution = kept(_pressure_for, *to_reach(read.scene, **asked))
     if as_json:
@@ -129,8 +130,8 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     """The state as a table for people; at a given pressure with what a gripper could hold at most."""
     from .. import pneunet
     from ..config.modules import type_name
+    from ..questions import limit_pressure
     from ..results import Status, in_units
-    from ..scene import limit_pressure
     from ..tables import Table
 
     table = Table(title=type_name(type(solution.scene)), show_header=False, title_justify="left")

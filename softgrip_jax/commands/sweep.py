@@ -36,7 +36,7 @@ from .. import config as configs
 from ..config.keys import Table, Varied, quantity, states_of, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
-from ..leaves import Leaf
+from ..parameters import Leaf
 from ..progress import LINE_SECONDS
 from ..quantities import State, solution_at
 from ..reasons import Reason
@@ -44,7 +44,7 @@ from ..results import Status, in_units
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
 from ..study import Table as TableOfDesigns
 from ..study.dataset import status_name
-from ..study.folder import MANIFEST
+from ..study.store import MANIFEST
 from ..tables import Table as PrintedTable
 from .files import plain
 

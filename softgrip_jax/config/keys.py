@@ -20,7 +20,7 @@ import pydantic
 
 from .. import config as configs
 from ..errors import ConfigError, located
-from ..leaves import Scenes
+from ..parameters import Scenes
 from ..quantities import (
     AT_REST,
     LIMIT_PRESSURE,
@@ -48,7 +48,7 @@ class Varied(NamedTuple):
 
     key: str
     name: str
-    """As `softgrip_jax.leaves` takes it, tied ones joined by '='."""
+    """As `softgrip_jax.parameters` takes it, tied ones joined by '='."""
     kind: str
     rule: str
 

@@ -32,7 +32,7 @@ from .. import shell as shell
 from ..errors import ConfigError as ConfigError
 from ..errors import located
 from ..fields import RULES, Checked, wanted
-from ..objects import Friction
+from ..objects.friction import Friction
 from ..plausible import units_are_stated
 from ..scene import Scene
 from ..units import DISPLAY
@@ -282,8 +282,12 @@ def _is_offered(cls: type) -> bool:
 
 
 def presets_of(bases: Iterable[type]) -> dict[str, Any]:
-    """Ready modules: the dictionary PRESETS of the room that defines a class."""
-    return {name: make for cls in bases for name, make in getattr(sys.modules[cls.__module__], "PRESETS", {}).items()}
+    """Ready modules: the dictionary PRESETS of the file that defines a class, or of its folder."""
+    found: dict[str, Any] = {}
+    for cls in bases:
+        for place in (cls.__module__, cls.__module__.rpartition(".")[0]):
+            found |= getattr(sys.modules.get(place), "PRESETS", {})
+    return found
 
 
 def type_name(cls: type) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import pydantic
 
 from .. import config as configs
-from ..objects import Friction
+from ..objects.friction import Friction
 from ..scene import Scene
 from ..units import DISPLAY, unit_key
 from .template import documented

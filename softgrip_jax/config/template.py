@@ -18,11 +18,11 @@ import numpy as np
 from .. import config as configs
 from ..errors import InputError
 from ..fields import wanted
-from ..objects import Friction
+from ..objects.friction import Friction
 from ..pneunet.finger import PRESETS as FINGERS
 from ..pneunet.finger import PneuNet
 from ..scene import Scene
-from ..shell.cylinder import AxialOffset
+from ..shell.arc.cylinder import AxialOffset
 from ..thesis import printed as thesis
 from ..units import DISPLAY, degree, gram, kPa, mm, unit_key
 

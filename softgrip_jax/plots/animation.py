@@ -16,8 +16,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..errors import InputError
+from ..questions import path
 from ..results import Solution, Status
-from ..scene import Scene, path
+from ..scene import Scene
 from .figures import STYLE, WIDTH, look, pressure_text
 
 POINTS = 301

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from ..pneunet.chamber import Chamber
+from ..pneunet.wall.arc import Chamber
 from ..results import Solution
 from ..units import mm
 from .figures import BLUE, BODY, VERMILION, paints

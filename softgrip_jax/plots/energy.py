@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon, Rectangle
 
 from ..results import Solution
-from ..shell.energy_scene import EnergyScene
+from ..shell.energy.scene import EnergyScene
 from ..units import kPa, mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, WIDTH, composes, paints, pressure_text
 from .shell import FACE, POINTS, RIM

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..errors import InputError
+from ..questions import branch, limit_pressure
 from ..results import Solution, Status
-from ..scene import Scene, branch, limit_pressure
+from ..scene import Scene
 from ..units import DISPLAY, kPa
 
 # Okabe and Ito's palette: told apart by every kind of colour vision, and in grey.

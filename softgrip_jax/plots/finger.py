@@ -21,13 +21,13 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Polygon, Rectangle
 
-from ..objects import HexagonalCylinder, Taper, ThreeFaceCone
-from ..pneunet.chamber import SmallStrainChamber
+from ..objects.grasped import HexagonalCylinder, Taper, ThreeFaceCone
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.grasp import Grasp
 from ..pneunet.linear import Linear
-from ..pneunet.scenes import HeldTip
+from ..pneunet.tip_contact import HeldTip
+from ..pneunet.wall.small_strain import SmallStrainChamber
 from ..results import Solution
 from ..units import mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, VERMILION, WIDTH, composes, paints, pressure_text

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from ..results import Solution
-from ..shell.cylinder import CylinderContact
-from ..shell.flat import FlatContact, InclinedContact
+from ..shell.arc.cylinder import CylinderContact
+from ..shell.arc.flat import FlatContact
+from ..shell.arc.inclined import InclinedContact
 from ..shell.flat_shell import ShellScene
 from ..units import mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, paints

@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..membrane import angle_over_sine, first_contact_angle, tensions
-from ..pneunet.chamber import Chamber, SmallStrainChamber
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
+from ..pneunet.wall.arc import Chamber
+from ..pneunet.wall.small_strain import SmallStrainChamber
 
 ARC_POINTS = 60
 """On each arc of a wall."""

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 
 from ..errors import InputError
 from ..fields import Checked, is_concrete, nonnegative, part, positive
-from ..materials import Material, dragon_skin_20, dragon_skin_30
+from ..materials.base import Material
+from ..materials.presets import dragon_skin_20, dragon_skin_30
 from ..units import mm
 
 Scalar = Float[Array, ""]

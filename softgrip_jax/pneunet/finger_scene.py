@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..errors import CellRangeWarning, InputError
 from ..fields import choice, is_concrete, to_float_array
+from ..load_path import LATER, Span
 from ..numerics.choice import larger, smallest
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.once import once
@@ -27,15 +28,15 @@ from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
 from ..scene import RESIDUAL_EPS, ROUNDING_EPS, Found
-from ..spans import LATER, Span
-from .beam import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
-from .beam_method import POINTS, BeamMethod, Collocation, Shooting
+from .beam.collocation import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
+from .beam.method import POINTS, BeamMethod, Collocation, Shooting
+from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
 from .cell.law import LARGEST_PRESSURE, cell_section, outside
-from .chamber import end_moment, gap_share, pressure_of_moment, touching_angle, wall_limit, within
 from .finger import SEGMENT_FIELDS, PneuNet
 from .rules import chambers_apart, margins_of_parts
-from .section import section_law
-from .shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
+from .section.choice import section_law
+from .wall.arc import gap_share, within
+from .wall.pressures import end_moment, pressure_of_moment, touching_angle, wall_limit
 
 Scalar = Float[Array, ""]
 
@@ -76,6 +77,7 @@ LOADING = 4.0
 that buckles a finger with its tip held to the next it is 39.5 (20.2, 59.7, ...); a step across two goes unseen."""
 
 
+INCLINATIONS = ("segment", "gap", "none")
 DRIVES = ("thesis", "cell")
 SPREADS = ("root", "none")
 

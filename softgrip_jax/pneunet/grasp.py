@@ -15,15 +15,18 @@ from ..fields import Checked, choice, count, finite, is_concrete, part, positive
 from ..numerics.choice import larger, smaller, smallest
 from ..numerics.paths import REACHED, follow
 from ..numerics.roots import implicit
-from ..objects import Object, Taper, friction_force, required_normal_force
+from ..objects.friction import friction_force, required_normal_force
+from ..objects.grasped import Object, Taper
+from ..questions import solve
 from ..results import Status, gate
-from ..scene import frozen, solve
+from ..scene import frozen
 from ..units import GRAVITY
-from .beam_method import POINTS, BeamMethod, beam_method
+from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import Scalar, to_weight
+from .finger_scene import INCLINATIONS, Scalar, to_weight
 from .rules import clear_of_clamp, line_inside, side_by_side
-from .scenes import INCLINATIONS, SECTIONS, HeldTip
+from .section.choice import SECTION_LAWS
+from .tip_contact import HeldTip
 
 
 class Gripper(Checked):
@@ -108,7 +111,7 @@ class Grasp(HeldTip):
     tip_offset: Scalar | None = finite("length", default=None)
     stand_distance: Scalar | None = positive("length", default=None)
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(2.0, 0.0))
-    section: str = choice(*SECTIONS, default="exact")
+    section: str = choice(*SECTION_LAWS, default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
     beam: BeamMethod | None = beam_method()

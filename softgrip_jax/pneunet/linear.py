@@ -7,8 +7,8 @@ from typing import ClassVar
 import jax.numpy as jnp
 
 from ..errors import InputError
-from .chamber import PLATE_END, SmallStrainChamber
 from .finger import SEGMENT_FIELDS
+from .wall.small_strain import PLATE_END, SmallStrainChamber
 
 
 class Linear(SmallStrainChamber):

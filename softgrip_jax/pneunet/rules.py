@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from ..numerics.choice import larger, largest, smaller, smallest
 from ..numerics.collocation import Points, between, integrals
-from .beam import AtPoints, Line, Part
+from .beam.collocation import AtPoints, Line, Part
 from .finger import PneuNet
 
 Scalar = Float[Array, ""]

@@ -2,16 +2,16 @@
 
 from ..names import listing as _listing
 from . import obstacles as obstacles
-from .cylinder import AxialOffset as AxialOffset
-from .cylinder import CylinderContact as CylinderContact
-from .flat import FlatContact as FlatContact
-from .flat import InclinedContact as InclinedContact
+from .arc.cylinder import AxialOffset as AxialOffset
+from .arc.cylinder import CylinderContact as CylinderContact
+from .arc.flat import FlatContact as FlatContact
+from .arc.free import Free as Free
+from .arc.free import Plate as Plate
+from .arc.grasp import Grasp as Grasp
+from .arc.grasp import smallest_object as smallest_object
+from .arc.grasp import tilt_moment as tilt_moment
+from .arc.inclined import InclinedContact as InclinedContact
+from .energy.obstacle_contact import ObstacleContact as ObstacleContact
 from .flat_shell import FlatShell as FlatShell
-from .free import Free as Free
-from .free import Plate as Plate
-from .grasp import Grasp as Grasp
-from .grasp import smallest_object as smallest_object
-from .grasp import tilt_moment as tilt_moment
-from .obstacle_contact import ObstacleContact as ObstacleContact
 
 __dir__ = _listing(globals(), "obstacles")

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float
 from ..curve_scene import CurveScene
 from ..errors import InputError, JoinedRuleError
 from ..fields import Checked, choice, is_concrete, part, positive
-from ..materials import Material
+from ..materials.base import Material
 from ..membrane import equilibrium_pressure
 from ..numerics.roots import bracketed_root
 from ..reasons import Reason

@@ -13,9 +13,9 @@ from .designs import LatinHypercube as LatinHypercube
 from .designs import Range as Range
 from .designs import Sobol as Sobol
 from .designs import Table as Table
-from .folder import load_study as load_study
-from .folder import run_in as run_in
 from .sensitivity import sensitivity as sensitivity
+from .store import load_study as load_study
+from .store import run_in as run_in
 from .study import Study as Study
 
 __dir__ = _listing(globals())

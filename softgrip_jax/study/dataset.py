@@ -10,7 +10,7 @@ with the further dimension "by".
 from __future__ import annotations
 
 from enum import IntEnum
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,14 +21,11 @@ from ..results import Status
 from ..units import DISPLAY, SI, unit_key
 from .designs import Grid
 
-if TYPE_CHECKING:
-    from .study import Study
-
 DESIGN = "design"
 SLOPE_OF, STATUS_OF, REASON_OF = "slope_of_", "status_", "reason_"
 
 
-def labelled(study: Study, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Dataset:
+def labelled(study: Any, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Dataset:
     """The Dataset of all designs; arrays have one row per design: values, statuses, reasons and perhaps slopes."""
     leaves, asked, set_of = study.leaves, study.asked, study.designs
     is_grid = isinstance(set_of, Grid)
@@ -70,11 +67,11 @@ def variable_name(label: str) -> str:
     return label.replace(" ", "_").replace("%", "_percent").replace("/", "_per_")
 
 
-def status_name(study: Study, k: int) -> str:
+def status_name(study: Any, k: int) -> str:
     return STATUS_OF + variable_name(study.asked.state_labels()[k])
 
 
-def csv_rows(study: Study, designs: np.ndarray, arrays: dict[str, np.ndarray]) -> tuple[list[str], list[list[Any]]]:
+def csv_rows(study: Any, designs: np.ndarray, arrays: dict[str, np.ndarray]) -> tuple[list[str], list[list[Any]]]:
     """(names of the columns with units, rows) of some designs."""
     leaves, asked = study.leaves, study.asked
     names = [unit_key(name, kind) for name, kind in zip(leaves.names, leaves.kinds, strict=True)]

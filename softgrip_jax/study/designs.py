@@ -12,7 +12,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from ..errors import InputError
-from ..leaves import SCALES, between, require_range
+from ..parameters import SCALES, between, require_range
 
 
 @dataclasses.dataclass(frozen=True)

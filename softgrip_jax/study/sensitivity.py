@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..leaves import Leaf, Leaves, Named, Scenes
+from ..parameters import Leaf, Leaves, Named, Scenes
 from ..progress import Tell, silent
 from ..quantities import Quantity
 from ..results import Status

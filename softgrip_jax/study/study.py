@@ -14,7 +14,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..errors import InputError
-from ..leaves import Leaf, Leaves, Named, Scenes
+from ..parameters import Leaf, Leaves, Named, Scenes
 from ..quantities import Asked, Quantity
 from ..scene import Scene
 from .dataset import labelled
@@ -32,7 +32,7 @@ class Study:
 
     Args:
         scenes: one scene, or a dictionary of several that share what varies.
-        leaves: names of the varied numbers, see `softgrip_jax.leaves`.
+        leaves: names of the varied numbers, see `softgrip_jax.parameters`.
         quantities: what to compute of every design, see `softgrip_jax.quantities`.
         designs: Grid, LatinHypercube, Sobol or Table of SI values, a column per varied number.
         gradients: whether to compute the derivatives of every quantity by every varied number too.

@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..questions import solve
 from ..results import Solution
-from ..scene import solve
-from ..shell.cylinder import AxialOffset, CylinderContact
-from ..shell.grasp import tilt_moment
+from ..shell.arc.cylinder import AxialOffset, CylinderContact
+from ..shell.arc.grasp import tilt_moment
 from ..units import GRAVITY, gram, mm
 from . import printed as thesis
 from .rows import stacked

@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
-from ..pneunet.scenes import Free
+from ..pneunet.free import Free
 from ..progress import Tell, silent
+from ..questions import limit_pressure, pressure_for
 from ..results import Solution, Status
-from ..scene import limit_pressure, pressure_for
 from ..units import kPa, mm
 from . import printed as thesis
 from .rows import Batch, stacked

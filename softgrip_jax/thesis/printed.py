@@ -12,17 +12,18 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ..materials import NeoHookean
-from ..objects import Cylinder
-from ..pneunet import scenes as fingers
+from .. import pneunet as fingers
+from ..materials.laws import NeoHookean
+from ..objects.grasped import Cylinder
 from ..pneunet.finger import TABLE_5_1, PneuNet
 from ..pneunet.grasp import Grasp as FingerGrasp
 from ..pneunet.grasp import Gripper
-from ..shell.cylinder import CylinderContact
-from ..shell.flat import FlatContact, InclinedContact
+from ..shell.arc.cylinder import CylinderContact
+from ..shell.arc.flat import FlatContact
+from ..shell.arc.free import Free
+from ..shell.arc.grasp import Grasp
+from ..shell.arc.inclined import InclinedContact
 from ..shell.flat_shell import FlatShell
-from ..shell.free import Free
-from ..shell.grasp import Grasp
 from ..units import DISPLAY, gram, kPa, mm
 
 

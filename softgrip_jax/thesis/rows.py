@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
+from ..questions import solve
 from ..results import Solution, in_units
-from ..scene import solve
 from .printed import Printed
 
 

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..questions import pressure_for
 from ..results import Solution, in_units
-from ..scene import pressure_for
-from ..shell.grasp import tilt_moment
+from ..shell.arc.grasp import tilt_moment
 from ..units import GRAVITY, gram, kPa, mm
 from . import printed as thesis
 from .rows import Batch, Row, deviation, missing, number, stacked, statement

@@ -23,7 +23,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.roots import implicit, newton_bracketed
 from ..finger import PneuNet
-from ..section import SectionLaw
+from ..section.base import SectionLaw
 from . import form
 
 Scalar = Float[Array, ""]

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 from ...curve_scene import CurveScene
 from ...fields import finite, part
 from ...reasons import Reason
-from ..chamber import _one_chamber
 from ..finger import PneuNet
 from ..rules import margins_of_parts
+from ..wall.arc import one_chamber
 from .law import LARGEST_PRESSURE, cell_of
 
 Scalar = Float[Array, ""]
@@ -52,7 +52,7 @@ class Cell(CurveScene):
     CONTACT: ClassVar[bool] = False
 
     def prepared(self):
-        return _one_chamber(self)
+        return one_chamber(self)
 
     def margins_at_rest(self):
         return margins_of_parts(self.finger)

@@ -9,7 +9,7 @@ which lanes differ. A guess decides what a lane costs, not what is found: where 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +17,8 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Float
 
-from ..numerics.minimise import Minimum
-from ..numerics.roots import select
-
-if TYPE_CHECKING:
-    from .energy_scene import EnergyScene
+from ...numerics.minimise import Minimum
+from ...numerics.roots import select
 
 Scalar = Float[Array, ""]
 Numbers = Float[Array, " m"]
@@ -104,7 +101,7 @@ def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"
     return lax.scan(next_lane, begun, (numbers, lanes))[1]
 
 
-def _guess(known: _Known, here: Numbers, load: Scalar, scene: EnergyScene) -> Float[Array, " k"]:
+def _guess(known: _Known, here: Numbers, load: Scalar, scene: Any) -> Float[Array, " k"]:
     """By the fit; from the last lane where that is close, along its tangent with the load."""
     last = jnp.concatenate([known.last.y, known.last.multipliers])
     tangent = last + (load - known.last.load) * jnp.concatenate(known.last.slope)

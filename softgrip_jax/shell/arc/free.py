@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ..membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
-from ..scene import Scene
-from .flat_shell import ShellScene
-from .obstacle_contact import EnergyFree
+from ...membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
+from ...scene import Scene
+from ..energy.obstacle_contact import EnergyFree
+from ..flat_shell import ShellScene
 
 FREE_END = jnp.pi * (1 - 1e-9)
 """A free arc closes to a full circle (infinite radius and stretch) at pi: the interval ends just before."""

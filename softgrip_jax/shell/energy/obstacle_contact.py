@@ -11,13 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import JoinedRuleError
-from ..fields import choice, is_concrete, part
-from ..numerics.choice import smallest
+from ...errors import JoinedRuleError
+from ...fields import choice, is_concrete, part
+from ...numerics.choice import smallest
+from ..obstacles import Obstacle, Shape, length
 from .basis import Grid
-from .energy_maps import shape_observables
-from .energy_scene import EnergyScene, Vector
-from .obstacles import Obstacle, Shape, length
+from .maps import shape_observables
+from .scene import EnergyScene, Vector
 from .sheet import local
 
 

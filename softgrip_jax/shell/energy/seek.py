@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..numerics.roots import implicit
-from ..results import Solution, Status, gate
-from ..scene import Found, frozen
-from .flat_shell import Scalar
-
-if TYPE_CHECKING:
-    from .energy_scene import EnergyScene, Vector
+from ...numerics.roots import implicit
+from ...results import Solution, Status, gate
+from ...scene import Found, frozen
+from ..flat_shell import Scalar
+from .basis import Vector
 
 LARGEST_LOAD = 4.0
 """Cube root of the largest p a / (mu t_m) that is looked at, 64: three times beyond any measured shell."""
@@ -27,7 +25,7 @@ CLOSE = 1e-5
 """Where equilibrium ends is known this well, relative to the load, before the search gives up."""
 
 
-def onset(scene: EnergyScene) -> Scalar:
+def onset(scene: Any) -> Scalar:
     """The pressure (Pa) at which the free membrane meets the object at a contact point."""
     free = scene.without_body()
     fixed = frozen(scene)
@@ -47,7 +45,7 @@ def onset(scene: EnergyScene) -> Scalar:
     return jnp.where(ok, scaled * scene.unit(), jnp.nan)
 
 
-def seek(scene: EnergyScene, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
+def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
     """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois).
 
     Returns the point, what is left of the surplus there, and whether the branch ended before it (the point is then the
@@ -95,7 +93,7 @@ def seek(scene: EnergyScene, surplus: Callable[[Vector, Scalar], Scalar]) -> tup
     return found, value, jnp.isnan(value) | (last[7] >= LARGEST_LOAD)
 
 
-def solve_for(scene: EnergyScene, name: str, target: Scalar) -> Solution:
+def solve_for(scene: Any, name: str, target: Scalar) -> Solution:
     """The solution at the pressure that gives an observable its wanted value."""
     fixed, value = frozen((scene, target))
 

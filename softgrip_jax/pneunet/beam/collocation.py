@@ -22,10 +22,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.collocation import Points, between, integrals, remaining
-from ..numerics.once import cos_and_sin, differentiated_once
-from ..numerics.shooting import adaptive
-from .section import SectionLaw
+from ...numerics.collocation import Points, between, integrals, remaining
+from ...numerics.once import cos_and_sin, differentiated_once
+from ...numerics.shooting import adaptive
+from ..section.base import SectionLaw
 
 Scalar = Float[Array, ""]
 AtPoints = Float[Array, "parts points"]

@@ -9,16 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..errors import InputError
-from ..fields import choice, is_concrete, nonnegative
-from ..numerics.choice import smaller
-from ..objects import friction, friction_coefficient, friction_force, required_normal_force
-from ..scene import Scene
-from ..units import GRAVITY
+from ...errors import InputError
+from ...fields import choice, is_concrete, nonnegative
+from ...numerics.choice import smaller
+from ...objects.friction import friction, friction_coefficient, friction_force, required_normal_force
+from ...scene import Scene
+from ...units import GRAVITY
+from ..energy.contacts import EnergyCylinder
+from ..flat_shell import FlatShell, Scalar
+from ..obstacles import Cylinder
 from .cylinder import CylinderContact
-from .energy_contacts import EnergyCylinder
-from .flat_shell import FlatShell, Scalar
-from .obstacles import Cylinder
 
 MEAN_STEPS = 10
 """Steps of the arithmetic-geometric mean: each halves the logarithm of the axis ratio until it is small, and squares it

@@ -11,8 +11,10 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from numpy.polynomial import legendre
+
+Vector = Float[Array, " n"]
 
 SPARE_POINTS = 3
 """Gauss points on a half side beyond one per polynomial: twice as many change forces by less than 1e-3."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,15 +10,13 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
-from ..numerics.control import hold, top
-from ..numerics.paths import fold_load
-from ..results import Solution, Status, gate
-from ..scene import Found, frozen
-from .energy_seek import FIRST_LOAD, LARGEST_LOAD
-from .flat_shell import Scalar
-
-if TYPE_CHECKING:
-    from .energy_scene import EnergyScene, Vector
+from ...numerics.control import hold, top
+from ...numerics.paths import fold_load
+from ...results import Solution, Status, gate
+from ...scene import Found, frozen
+from ..flat_shell import Scalar
+from .basis import Vector
+from .seek import FIRST_LOAD, LARGEST_LOAD
 
 BRANCH = 2.0
 """Where a drawn branch ends: twice as far from the flat membrane as the limit point."""
@@ -28,7 +26,7 @@ CLOSE = 1e-5
 """A limit point next to the last equilibrium below it has at least its load, within this part of it."""
 
 
-def _linear(scene: EnergyScene):
+def _linear(scene: Any):
     def linear(unknowns: Vector, load: Scalar) -> tuple[Vector, Array, Vector]:
         """Equations, their Jacobian and their change with the load p a / (mu t_m)."""
         work = scene.functional
@@ -38,14 +36,14 @@ def _linear(scene: EnergyScene):
     return linear
 
 
-def find_limit(scene: EnergyScene) -> Found:
+def find_limit(scene: Any) -> Found:
     """The limit point; `iterations` is 1 there, 0 where the branch ends without one."""
     return _limit(scene)
 
 
 # One lane after the other, as lanes are found: see energy_scene.
 @sequential_vmap
-def _limit(scene: EnergyScene) -> Found:
+def _limit(scene: Any) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
     climb = scene.follow(scene.rest(), zero, scene.first_guess(far), far)
@@ -63,7 +61,7 @@ def _limit(scene: EnergyScene) -> Found:
     return Found(jnp.where(at_fold, peak.y, kept), pressure, status, at_fold.astype(int))
 
 
-def limit_pressure_from(scene: EnergyScene, found: Found) -> Scalar:
+def limit_pressure_from(scene: Any, found: Found) -> Scalar:
     """The limit pressure with its derivatives."""
     at_fold = (found.status == Status.OK) & (found.iterations == 1)
     gated = gate(at_fold, scene)
@@ -76,7 +74,7 @@ def limit_pressure_from(scene: EnergyScene, found: Found) -> Scalar:
     return jnp.where(found.status == Status.OK, jnp.where(at_fold, fold, found.pressure), jnp.nan)
 
 
-def branch(scene: EnergyScene, n: int) -> Solution:
+def branch(scene: Any, n: int) -> Solution:
     """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance, or up to the
     end of the branch where that is no limit point.
 

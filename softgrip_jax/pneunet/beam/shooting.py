@@ -18,10 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..numerics.collocation import Points
-from ..numerics.shooting import Replay, Tolerance, end_of, replay, steps_of
-from .beam import Cover, Part, forces
-from .beam_method import Shooting
+from ...numerics.collocation import Points
+from ...numerics.shooting import Replay, Tolerance, end_of, replay, steps_of
+from .collocation import Cover, Part, forces
+from .method import Shooting
 
 Scalar = Float[Array, ""]
 PerPart = Float[Array, " parts"]

@@ -13,10 +13,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..obstacles import Cylinder, Plane
 from .basis import at_points
-from .energy_maps import contact_average
+from .maps import contact_average
 from .obstacle_contact import EnergyFree, ObstacleContact, Resting
-from .obstacles import Cylinder, Plane
 from .sheet import local
 
 LINE_POINTS = 40

@@ -11,18 +11,16 @@ from jax import lax
 from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
-from ..fields import part
-from ..numerics.minimise import Expansion, Minimum, minimise
-from ..numerics.roots import implicit
-from ..results import Status, gate
-from ..scene import Found, Scene, frozen
-from . import energy_lanes, energy_limits, energy_maps, energy_seek
-from .basis import Grid
-from .energy import Functional, functional, rho
-from .flat_shell import FlatShell, Scalar
-from .obstacles import Obstacle
-
-Vector = Float[Array, " n"]
+from ...fields import part
+from ...numerics.minimise import Expansion, Minimum, minimise
+from ...numerics.roots import implicit
+from ...results import Status, gate
+from ...scene import Found, Scene, frozen
+from ..flat_shell import FlatShell, Scalar
+from ..obstacles import Obstacle
+from . import batches, limits, maps, seek
+from .basis import Grid, Vector
+from .functional import Functional, functional, rho
 
 LARGEST_STEP = 1.3
 """Of the cube root of p a / (mu t_m), in proportion to which the membrane rises: about two thirds of the half width."""
@@ -162,26 +160,26 @@ class EnergyScene(Scene):
     # --- questions ----------------------------------------------------------------------------------------------------
 
     def onset(self):
-        return jnp.zeros_like(self.shell.a) if self.body is None else energy_seek.onset(self)
+        return jnp.zeros_like(self.shell.a) if self.body is None else seek.onset(self)
 
     def solve_for(self, name, target):
-        return energy_seek.solve_for(self, name, target)
+        return seek.solve_for(self, name, target)
 
     def find_limit(self):
-        return energy_limits.find_limit(self)
+        return limits.find_limit(self)
 
     def limit_pressure_from(self, found):
-        return energy_limits.limit_pressure_from(self, found)
+        return limits.limit_pressure_from(self, found)
 
     def branch(self, n):
-        return energy_limits.branch(self, n)
+        return limits.branch(self, n)
 
     def profile(self, unknowns, pressure, n):
-        return energy_maps.profile(self, unknowns, n)
+        return maps.profile(self, unknowns, n)
 
     def surface(self, unknowns: Vector, pressure: Scalar, n: int) -> dict[str, Array]:
-        """Maps on n x n points: see `energy_maps.surface`."""
-        return energy_maps.surface(self, unknowns, n)
+        """Maps on n x n points: see `maps.surface`."""
+        return maps.surface(self, unknowns, n)
 
 
 @custom_vmap
@@ -192,7 +190,7 @@ def _find(scene: EnergyScene, load: Scalar) -> Minimum:
 
 @_find.def_vmap
 def _find_lanes(axis_size, is_batched, *lanes):
-    met = energy_lanes.one_after_other(_find, axis_size, tuple(is_batched), lanes)
+    met = batches.one_after_other(_find, axis_size, tuple(is_batched), lanes)
     return met, jax.tree.map(lambda _: True, met)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 
-from ..errors import InputError
+from ...errors import InputError
 
 if TYPE_CHECKING:
     import diffrax

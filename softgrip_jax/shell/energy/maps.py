@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .basis import Grid, at_points, contact_axes
+from .basis import Grid, Vector, at_points, contact_axes
 from .sheet import local
-
-if TYPE_CHECKING:
-    from .energy_scene import EnergyScene, Vector
 
 TINY = 1e-30
 """Under a root whose derivative nobody asks for."""
@@ -27,13 +24,13 @@ def _larger(trace: Array, determinant: Array) -> Array:
     return jnp.sqrt(mean + jnp.sqrt(jnp.maximum(mean**2 - determinant, TINY)))
 
 
-def _strains(scene: EnergyScene, e: Array, points: Any) -> tuple[Any, Array, Array]:
+def _strains(scene: Any, e: Array, points: Any) -> tuple[Any, Array, Array]:
     """The deformation, tr C and det C at points."""
     at = jax.vmap(local, in_axes=(0, 0, None))(e, jnp.asarray(points), scene.shell.a / scene.shell.b)
     return at, *jax.vmap(lambda at: (at.trace, at.determinant))(at)
 
 
-def shape_observables(scene: EnergyScene, y: Vector) -> dict[str, Array]:
+def shape_observables(scene: Any, y: Vector) -> dict[str, Array]:
     """Height, stretches and slope of the membrane."""
     work = scene.functional
     ends = work.deformed(y, at_points(scene.grid, [(0.0, 0.0), (1.0, 0.0)]))
@@ -66,13 +63,13 @@ def contact_average(grid: Grid, points: Any) -> Float[np.ndarray, "p k"]:
     return (sides[0][:, :, None] * sides[1][:, None, :]).reshape(len(sides[0]), -1)
 
 
-def places(scene: EnergyScene, y: Vector, points: Any) -> Float[Array, "m 3"]:
+def places(scene: Any, y: Vector, points: Any) -> Float[Array, "m 3"]:
     """The middle surface at the points (xi, eta), in a."""
     e = scene.functional.deformed(y, at_points(scene.grid, points))
     return _strains(scene, e, points)[0].place
 
 
-def profile(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:
+def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     """x, z across the width at the middle, y, z_length along the length, m: the middle surface. With `_face` the outer
     face, which touches, seen from where it is at rest, as objects are placed: half the thickness above the middle."""
     line, zero = np.linspace(-1, 1, n), np.zeros(n)
@@ -91,7 +88,7 @@ def profile(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:
     return found
 
 
-def surface(scene: EnergyScene, unknowns: Vector, n: int) -> dict[str, Array]:
+def surface(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     """Maps on n x n points of the membrane, m and Pa: X, Y of the flat membrane, place, principal stretches, and the
     pressure of the contact per deformed area."""
     line = np.linspace(-1, 1, n)

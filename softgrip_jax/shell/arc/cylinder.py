@@ -6,16 +6,16 @@ from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 
-from ..curve_scene import Approach
-from ..fields import positive
-from ..membrane import angle_of_stretch, arc_chain, contact_half_width
-from ..numerics.choice import smaller
-from ..reasons import Reason
-from ..scene import Scene
-from .energy_contacts import EnergyCylinder
-from .flat_shell import Scalar, ShellScene
+from ...curve_scene import Approach
+from ...fields import positive
+from ...membrane import angle_of_stretch, arc_chain, contact_half_width
+from ...numerics.choice import smaller
+from ...reasons import Reason
+from ...scene import Scene
+from ..energy.contacts import EnergyCylinder
+from ..flat_shell import Scalar, ShellScene
+from ..obstacles import Cylinder
 from .free import Free
-from .obstacles import Cylinder
 
 ALMOST_ONE = 1 - 1e-9
 """sin^2 of half a right turn, short of where its arcsine has no derivative: the membrane is used up long before."""

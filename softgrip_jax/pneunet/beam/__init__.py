@@ -1,0 +1,1 @@
+"""The beam of a finger: its equations, and how they are solved."""

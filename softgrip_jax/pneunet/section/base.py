@@ -1,0 +1,65 @@
+"""Section laws of the cover: bending moment and axial force against curvature and stretch.
+
+All in pure numbers: z = H theta' (theta' per reference length), lambda the stretch of the middle line,
+m = M / (mu B H^2), n = N / (mu B H), w = section energy / (mu B H), mu the shear modulus at rest. A law is called as
+law(m, n) -> (z, lambda); `law.loads(z, lambda)` is the way back. Laws are odd in m, even in z, and take ONE section.
+
+Where a law has no state for a load, both values are NaN: never a state of another branch.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Float
+
+from ...numerics.roots import implicit, newton_bracketed
+
+Scalar = Float[Array, ""]
+
+
+class SectionLaw(eqx.Module):
+    """m, n <-> z, lambda of one cross-section."""
+
+    largest_moment: ClassVar[float] = np.inf
+    """The supremum of |m| without an axial force, where it is known; inf where it is not, or there is none."""
+
+    @abc.abstractmethod
+    def __call__(self, m: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+        """(z, lambda) under the moment m and the axial force n."""
+
+    @abc.abstractmethod
+    def loads(self, z: Scalar, stretch: Scalar) -> tuple[Scalar, Scalar]:
+        """(m, n) that hold the curvature z and the stretch."""
+
+    @abc.abstractmethod
+    def stretches(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar, Scalar]:
+        """Of the stretch at a curvature under an axial force: a bound from below, one from above, a good guess."""
+
+    def axis(self) -> int | None:
+        """0 where every part of a beam has a law of its own, stacked in one; None where all have the same."""
+        return None
+
+    def bent(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+        """(m, lambda) at the curvature z under the axial force n: one state for any pair, unlike under (m, n)."""
+        law, *given = lax.stop_gradient((self, z, n))
+        found = newton_bracketed(lambda x: law.loads(given[0], x)[1] - given[1], *law.stretches(*given)).x
+        stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
+        return self.loads(z, stretch)[0], stretch
+
+    def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
+        """(dz, dlambda) of the state (z, lambda) under small changes dm and dn of its loads; m is its moment.
+
+        Along a beam this is a state's own differential equation: nothing is solved for at any place.
+        """
+        one, none = jnp.ones_like(z), jnp.zeros_like(z)
+        m_z, n_z = jax.jvp(self.loads, (z, stretch), (one, none))[1]
+        m_l, n_l = jax.jvp(self.loads, (z, stretch), (none, one))[1]
+        scale = 1 / (m_z * n_l - m_l * n_z)
+        return (n_l * dm - m_l * dn) * scale, (m_z * dn - n_z * dm) * scale

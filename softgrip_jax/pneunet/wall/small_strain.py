@@ -1,0 +1,83 @@
+"""The chamber's wall as a plate of small strain."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+
+from ...curve_scene import CurveScene
+from ...fields import part
+from ...membrane import plate_coefficient
+from ...results import gate
+from ..finger import PneuNet
+from ..rules import margins_of_parts
+from .arc import Scalar, gap_share, one_chamber
+
+
+class SmallStrainChamber(CurveScene):
+    """Infinitesimal-strain chambers, (4.1)-(4.6): the cheap rung. The curve's angle is atan(delta / a).
+
+    p = C E t_m delta^3 / a^4 (2.1), that is (4.3) with the exponent 1/3; F_p = 3 pi a^2 delta p / (4 (delta + h_x))
+    (4.5); e_y = H/2 + a. C from `membrane.plate_coefficient`, E = 3 mu. It knows no inclination and no limit. As for
+    finite strain, M_T is the moment of the gap spread over the segment, F_p e_y sqrt(2 h_x / (2 h_x + h_L)); (4.6) as
+    printed is force * lever_arm. Contact begins at delta = h_x, where F_p steps up from zero: the thesis assumes that
+    all chambers touch.
+    """
+
+    finger: PneuNet = part(PneuNet)
+
+    OBSERVABLES: ClassVar[dict[str, str]] = {
+        "force": "force",
+        "end_moment": "moment",
+        "lever_arm": "length",
+        "inflation": "length",
+    }
+
+    def prepared(self):
+        return one_chamber(self)
+
+    def margins_at_rest(self):
+        return margins_of_parts(self.finger)
+
+    def interval(self):
+        start = jnp.arctan(self.finger.h_x / self.finger.a)
+        return start, jnp.zeros_like(start) + PLATE_END
+
+    def unbounded(self):
+        return jnp.asarray(True)
+
+    def _stiffness(self):
+        f = self.finger
+        return plate_coefficient(f.a / f.b) * 3 * f.material.shear_modulus() * f.t_m / f.a
+
+    def load(self, angle):
+        return self._stiffness() * jnp.tan(angle) ** 3
+
+    def pressure_scale(self):
+        return self.finger.material.shear_modulus() * self.finger.t_m / self.finger.a
+
+    def observe(self, angle, pressure):
+        f = self.finger
+        inflation = f.a * jnp.tan(angle)
+        force = 0.75 * jnp.pi * f.a**2 * inflation * pressure / (inflation + f.h_x)
+        lever_arm = 0.5 * f.H + f.a
+        return {
+            "force": force,
+            "end_moment": force * lever_arm * gap_share(f),
+            "lever_arm": lever_arm,
+            "inflation": inflation,
+        }
+
+
+PLATE_END = 0.5 * jnp.pi * (1 - 1e-9)
+"""delta grows without bound as its angle goes to pi/2."""
+
+
+def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
+    """M_T of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
+    scene = SmallStrainChamber(finger)
+    touching = pressure > scene.load(scene.interval()[0])
+    scene, pressure = gate(touching, (scene, pressure))
+    inflation = jnp.cbrt(jnp.where(touching, pressure, 1.0) / scene._stiffness())
+    return jnp.where(touching, scene.observe(jnp.arctan(inflation), pressure)["end_moment"], 0.0)
