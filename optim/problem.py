@@ -22,7 +22,7 @@ from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import AT_REST, Asked, Quantity, State, named
+from softgrip_jax.quantities import AT_REST, Quantity, QuantitySet, State, named
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -128,7 +128,7 @@ class Judged(NamedTuple):
 class Problem:
     """Variables, goals and limits over some scenes.
 
-    `measure` holds the physics and is what takes time, to compile and to run; `judge` holds what is wanted and is
+    `measure` holds the physics and is what takes time, to compile and to run; `score` holds what is wanted and is
     cheap, so that bounds, targets and weights can change without a new compilation.
 
     Args:
@@ -158,7 +158,7 @@ class Problem:
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
-        self.asked = Asked(scenes, [item.quantity for item in (*self.goals, *self.limits)])
+        self.asked = QuantitySet(scenes, [item.quantity for item in (*self.goals, *self.limits)])
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
@@ -177,9 +177,9 @@ class Problem:
         return [rule for rule in found if rule.rule not in (*own[rule.scene], *self.ignored_rules)]
 
     @cached_property
-    def measured(self) -> Asked:
+    def measured(self) -> QuantitySet:
         """All that is measured: the quantities, then the margins of rules that are not among them."""
-        return Asked(without_rules(self.space.scenes), [*self.quantities, *self.rules])
+        return QuantitySet(without_rules(self.space.scenes), [*self.quantities, *self.rules])
 
     @cached_property
     def constrained(self) -> list[int]:
@@ -250,7 +250,7 @@ class Problem:
         return found, Measured(values, shortfall, found.statuses)
 
     def terms(self, values: Float[Array, " q"], scales: Scales) -> Float[Array, " g"]:
-        """The term of every goal: what `judge` adds up, and what a trade-off keeps apart."""
+        """The term of every goal: what `score` adds up, and what a trade-off keeps apart."""
         return jnp.stack(
             [
                 goal.term(values[self.asked.index(goal.quantity)], scale)
@@ -258,7 +258,7 @@ class Problem:
             ]
         )
 
-    def judge(self, values: Float[Array, " q"], scales: Scales) -> Judged:
+    def score(self, values: Float[Array, " q"], scales: Scales) -> Judged:
         """Goals and limits from the quantities."""
         known = jnp.isfinite(values)
         safe = jnp.where(known, values, 1.0)

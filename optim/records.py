@@ -33,7 +33,7 @@ def next_command(problem: Problem, file: Path, design: Design) -> str:
     return shlex.join(words + (["--scene", name] if len(problem.space.scenes) > 1 else []))
 
 
-def told(what: str, folder: Path, command: str) -> str:
+def summary(what: str, folder: Path, command: str) -> str:
     """The last line of a run: its folder, its files, and what may be typed next."""
     return f"The {what} is in {folder}: {contents(folder)}." + (f" Next: {command}" if command else "")
 
@@ -63,7 +63,7 @@ def unsolved(problem: Problem, design: Design) -> list[str]:
 
 def _told(problem: Problem, design: Design) -> list[rules.Told]:
     """The rules that a design breaks or is held by."""
-    return rules.told(problem.rules, [design.margins], len(problem.space.scenes) > 1)
+    return rules.summary(problem.rules, [design.margins], len(problem.space.scenes) > 1)
 
 
 def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import AT_REST, MARGINS, Measured, Quantity, State, rules_at, rules_at_rest
+from softgrip_jax.quantities import AT_REST, MARGINS, Observed, Quantity, State, rules_at, rules_at_rest
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
@@ -63,8 +63,8 @@ def rules_of(scenes: dict[str, Scene], states: Iterable[tuple[str, State]]) -> l
 
 
 def with_rules_on(
-    found: Measured, states: Sequence[tuple[str, State]], rules: Sequence[Quantity], margins: Float[Array, " r"]
-) -> Measured:
+    found: Observed, states: Sequence[tuple[str, State]], rules: Sequence[Quantity], margins: Float[Array, " r"]
+) -> Observed:
     """`found` as scenes report it whose rules are on: a state that breaks one is IMPOSSIBLE, for the worst of them."""
     statuses, reasons, details = list(found.statuses), list(found.reasons), list(found.details)
     for k, state in enumerate(states):
@@ -108,7 +108,7 @@ class Told:
     margins: tuple[float, ...]
 
 
-def told(rules: Sequence[Quantity], margins: Sequence[np.ndarray], several: bool) -> list[Told]:
+def summary(rules: Sequence[Quantity], margins: Sequence[np.ndarray], several: bool) -> list[Told]:
     """The rules that any of some designs breaks or is held by; one line for scenes in which a rule says the same.
 
     margins: of every design, in the order of `rules`.

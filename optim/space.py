@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from softgrip_jax.parameters import Leaves, Scenes, between, require_range
+from softgrip_jax.parameters import Parameters, Scenes, between, require_range
 
 REFERENCE_INSET = 1e-3
 """A start on a bound is moved this part of the range inwards: exactly on it the sine map passes no gradient."""
@@ -44,7 +44,7 @@ class Variable:
         require_range(self.name, self.low, self.high, self.scale)
 
 
-class Space(Leaves):
+class Space(Parameters):
     """The variables of one problem: from vectors to scenes and back. Vectors have one entry per varied number."""
 
     def __init__(self, scenes: Scenes, variables: Sequence[Variable]):

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
-from .numerics.once import once
 from .numerics.roots import implicit
+from .numerics.xla import materialised
 from .reasons import Reason
-from .results import Status, gate
+from .results import Status, stop_gradient_where_failed
 from .scene import FALLEN, WITHOUT_LIMIT, Found, Scene, frozen
 
 Scalar = Float[Array, ""]
@@ -60,7 +60,7 @@ class Climb(NamedTuple):
 
 
 class End(NamedTuple):
-    """Codes of what `find_limit` found, in `Found.iterations`."""
+    """Codes of what `find_limit` found, in `Found.end`."""
 
     MODEL: int = 0
     PEAK: int = 1
@@ -144,7 +144,7 @@ class CurveScene(Scene):
             touches = (approach.touch <= jnp.where(falls, peak, end)) & (approach.begins <= limit)
         else:
             touches = ~falls & (approach.touch <= end)
-        return once(touches.astype(peak.dtype)) > 0, peak, limit
+        return materialised(touches.astype(peak.dtype)) > 0, peak, limit
 
     def stop(self, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
         """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
@@ -192,8 +192,8 @@ class CurveScene(Scene):
         if approach is None:
             return self.load(self.interval()[0])
         touches, peak, limit = frozen(frozen(self)._approached(approach.touch))
-        own = gate(touches, self).approach()
-        free = gate(~touches & jnp.isfinite(limit), approach.scene)
+        own = stop_gradient_where_failed(touches, self).approach()
+        free = stop_gradient_where_failed(~touches & jnp.isfinite(limit), approach.scene)
         limit = jnp.where(jnp.isfinite(limit), free.load(_at_peak(free, peak)), jnp.inf)
         return jnp.where(touches, own.begins, limit)
 
@@ -206,18 +206,18 @@ class CurveScene(Scene):
         status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
         own = jnp.where(climb.drops, END.BEGINNING, jnp.where(scan.falls, END.PEAK, END.MODEL))
         code = jnp.where(climb.touches, own, END.FREE_PEAK)
-        return Found(jnp.where(climb.touches, stop, climb.free_peak), pressure, status, code)
+        return Found(jnp.where(climb.touches, stop, climb.free_peak), pressure, status, jnp.asarray(0), end=code)
 
     def limit_pressure_from(self, found):
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
-        code = found.iterations
-        scene = gate(ok & (code != END.FREE_PEAK), self)
+        code = found.end
+        scene = stop_gradient_where_failed(ok & (code != END.FREE_PEAK), self)
         start, end = scene.interval()
         border = jnp.where(ok, jnp.where(code == END.BEGINNING, start, end), 1.0)
         pressure = scene.load(jnp.where(code == END.PEAK, _at_peak(scene, found.unknowns), border))
         approach = self.approach()
         if approach is not None:
-            free = gate(ok & (code == END.FREE_PEAK), approach.scene)
+            free = stop_gradient_where_failed(ok & (code == END.FREE_PEAK), approach.scene)
             pressure = jnp.where(code == END.FREE_PEAK, free.load(_at_peak(free, found.unknowns)), pressure)
         return jnp.where(ok, pressure, jnp.where(found.status == Status.OK, jnp.inf, jnp.nan))
 
@@ -253,8 +253,8 @@ class CurveScene(Scene):
         scale = jnp.abs(value) + crossing.scale + crossing.swing
         mismatch = (wanted(fixed, angle) - value) / jnp.where(scale > 0, scale, 1.0)
         found = Found(angle, fixed.load(angle), status, crossing.iterations, mismatch, reason=reason, detail=detail)
-        found = fixed.settled(found)
-        scene, target = gate(found.status == Status.OK, (self, target))
+        found = fixed.verified(found)
+        scene, target = stop_gradient_where_failed(found.status == Status.OK, (self, target))
         angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (scene, target))
         pressure = scene.load(angle)
         solution = self._report(angle, pressure, found)
@@ -305,7 +305,7 @@ class CurveScene(Scene):
             # What is touched only behind the free membrane's own limit is no part of this branch.
             status = jnp.where(climb.touches, status, Status.BEYOND_LIMIT)
             status = jnp.where(climb.possible, status, Status.IMPOSSIBLE)
-            return self._report(angle, pressure, self.settled(Found(angle, pressure, status, jnp.asarray(0))))
+            return self._report(angle, pressure, self.verified(Found(angle, pressure, status, jnp.asarray(0))))
 
         return jax.vmap(at)(angles)
 

@@ -79,7 +79,7 @@ def contents(folder: Path) -> str:
     return ", ".join(names)
 
 
-class Undisturbed:
+class DeferInterrupt:
     """Ctrl-C within the block waits until its end and is then known as `asked`: what was found is written whole.
 
     A second one does not wait.
@@ -88,7 +88,7 @@ class Undisturbed:
     def __init__(self) -> None:
         self.asked = False
 
-    def __enter__(self) -> Undisturbed:
+    def __enter__(self) -> DeferInterrupt:
         # Python hands signals to the main thread alone, and lets no other one choose what they do.
         self._is_main = threading.current_thread() is threading.main_thread()
         if self._is_main:

@@ -17,7 +17,7 @@ BEGINNING = 1e-3
 """Of the way under pressure, where it begins to be followed."""
 
 
-class Span(eqx.Module):
+class LoadPath(eqx.Module):
     """Pressures, Pa, and their places on the path, which begins with the external loads."""
 
     loading: Scalar
@@ -56,7 +56,7 @@ class Span(eqx.Module):
         return 1 - (1 - jnp.minimum(arrived, 1)) ** 2
 
 
-class Ray(Span):
+class Ray(LoadPath):
     """A straight way through pressures and shares of the loads; `loading` is where the loads arrive."""
 
     first: Scalar
@@ -75,7 +75,7 @@ class Ray(Span):
         return self.share + self.growth * u[-1]
 
 
-def proportional(span: Span, pressure: Scalar) -> Ray:
+def proportional(span: LoadPath, pressure: Scalar) -> Ray:
     """From nothing at all to all of the loads and a pressure (Pa) at once."""
     length = jnp.maximum(jnp.maximum(span.loading, pressure / span.step), 1.0)
     zero = jnp.zeros_like(length)

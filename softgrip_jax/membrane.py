@@ -13,8 +13,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .materials.base import Material, nominal_stresses
-from .numerics.once import cos_and_sin
 from .numerics.roots import implicit
+from .numerics.xla import cos_and_sin
 
 Scalar = Float[Array, ""]
 

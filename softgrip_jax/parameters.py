@@ -43,7 +43,7 @@ class Named(Protocol):
 
 
 @dataclasses.dataclass(frozen=True)
-class Leaf:
+class Parameter:
     """A leaf by name (see above), or by a function `where`, whose kind of quantity must then be said for display."""
 
     name: str
@@ -51,7 +51,7 @@ class Leaf:
     kind: str = ""
 
 
-class Leaves:
+class Parameters:
     """Leaves of scenes as one vector of SI values."""
 
     def __init__(self, scenes: Scenes, leaves: Sequence[Named]):

@@ -17,12 +17,12 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
 from .fields import choice
-from .load_path import BEGINNING, Ray, Span, onwards, proportional
+from .load_path import BEGINNING, LoadPath, Ray, onwards, proportional
 from .numerics.choice import larger
 from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
 from .numerics.roots import implicit, select, solve_small
 from .reasons import Reason
-from .results import Status, gate
+from .results import Status, stop_gradient_where_failed
 from .scene import FALLEN, Found, Scene, frozen
 
 Scalar = Float[Array, ""]
@@ -42,7 +42,10 @@ class Search(NamedTuple):
 
 
 class PathScene(Scene):
-    """A scene that solves `measured(unknowns, share, pressure)[0] = 0`; share in [0, 1] scales its external loads."""
+    """A scene that solves `residual_and_observables(unknowns, share, pressure)[0] = 0`.
+
+    share in [0, 1] scales its external loads.
+    """
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("ArcLength", "Newton")
 
@@ -51,40 +54,42 @@ class PathScene(Scene):
     together. Where both arrive they arrive at the same state, unless the loads alone would snap or buckle."""
 
     def end_reason(self) -> Reason:
-        """What ends the model at `Span.end`."""
+        """What ends the model at `LoadPath.end`."""
         return Reason.NO_EQUILIBRIUM
 
     @abc.abstractmethod
-    def rest(self) -> Vector:
+    def unloaded_state(self) -> Vector:
         """The unknowns without any load: an exact solution at share 0 and no pressure."""
 
     @abc.abstractmethod
-    def measured(self, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
+    def residual_and_observables(
+        self, unknowns: Vector, share: Scalar, pressure: Any
+    ) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `share`, and what is
         observed. Both come from one integration; what is not used is not computed. In place of the pressure there may
-        be what the scene's `driven` and its `Span.drive_at` give."""
+        be what the scene's `driven` and its `LoadPath.drive_at` give."""
 
     def observe(self, unknowns, pressure):
         return self.evaluated(unknowns, pressure)[1]
 
     def evaluated(self, unknowns, pressure):
-        return _measured(self, unknowns, jnp.ones_like(pressure), self.driven(pressure))
+        return _residual_and_observables(self, unknowns, jnp.ones_like(pressure), self.driven(pressure))
 
     def found_directly(self, pressure: Scalar) -> tuple[Vector, Bool[Array, ""] | bool]:
         """(unknowns at a pressure, True) where they can be found without the way there, as the state that is connected
         to zero load; (anything, False) where the path is to be followed."""
-        return self.rest(), False
+        return self.unloaded_state(), False
 
     def driven(self, pressure: Scalar) -> Any:
-        """What `measured` is given of a pressure, as `Span.drive_at` gives it on the way."""
+        """What `residual_and_observables` is given of a pressure, as `LoadPath.drive_at` gives it on the way."""
         return pressure
 
     @abc.abstractmethod
-    def pressure_span(self) -> Span:
+    def pressure_span(self) -> LoadPath:
         """The range of pressures in which the actuator acts."""
 
     def unknown_shape(self):
-        return jax.eval_shape(self.rest).shape
+        return jax.eval_shape(self.unloaded_state).shape
 
     def passed(self, observed: dict[str, Array]) -> Scalar | None:
         """How far a state is beyond what the model covers, rising through zero where that ends (`Reason.CURLED_UP`):
@@ -102,10 +107,10 @@ class PathScene(Scene):
     def residual(self, unknowns, pressure):
         return self.evaluated(unknowns, pressure)[0]
 
-    def _start(self, span: Span) -> Vector:
-        return jnp.append(self.rest(), jnp.zeros_like(span.loading))
+    def _start(self, span: LoadPath) -> Vector:
+        return jnp.append(self.unloaded_state(), jnp.zeros_like(span.loading))
 
-    def _begun(self, u: Vector, span: Span, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
+    def _begun(self, u: Vector, span: LoadPath, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
         """A little further where the pressure begins to act, at most to a place: the path's direction shows there.
         by: part of the usual way."""
         further = jnp.minimum(span.loading + BEGINNING * by, most)
@@ -116,7 +121,7 @@ class PathScene(Scene):
         start: Vector,
         goal: Goal,
         context: Any,
-        span: Span,
+        span: LoadPath,
         steps: Steps | None = None,
         is_there: Bool[Array, ""] | bool = False,
     ) -> Search:
@@ -124,7 +129,7 @@ class PathScene(Scene):
 
         def equations(u, args):
             scene, context, span = args
-            residual, observed = _measured(scene, u[:-1], span.share_at(u), span.drive_at(u))
+            residual, observed = _residual_and_observables(scene, u[:-1], span.share_at(u), span.drive_at(u))
             passed, wanted = scene.passed(observed), goal(context, u, observed)
             return residual, wanted if passed is None else larger(wanted, passed)
 
@@ -153,12 +158,14 @@ class PathScene(Scene):
         status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
         return Search(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
 
-    def _beyond_the_model(self, end: End, goal: Goal, context: Any, span: Span) -> Int[Array, ""]:
+    def _beyond_the_model(self, end: End, goal: Goal, context: Any, span: LoadPath) -> Int[Array, ""]:
         """The `Reason` for which the model ends where a search did, before its goal; 0 where it does not."""
         reason = jnp.zeros_like(end.reason)
         behind = end.u[-1] > span.loading
         if type(self).passed is not PathScene.passed:
-            observed = _measured(self.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
+            observed = _residual_and_observables(
+                self.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u)
+            )[1]
             passed = self.passed(observed)
             if passed is not None:
                 curled = behind & (end.reason == REACHED) & (passed > goal(context, end.u, observed))
@@ -212,7 +219,7 @@ class PathScene(Scene):
     def limit_pressure_from(self, found):
         scale = frozen(self).pressure_span().step
         ok = found.status == Status.OK
-        scene = gate(ok, self)
+        scene = stop_gradient_where_failed(ok, self)
 
         def equations(u, args):
             scene, scale = args
@@ -240,7 +247,7 @@ class PathScene(Scene):
                 # Elsewhere the equations may have no solution, or none with derivatives.
                 return jnp.where(here, jnp.append(own, scene._ends(u[:-1], pressure)[why]), u - start)
 
-            args = (gate(here, self), scale, u, here)
+            args = (stop_gradient_where_failed(here, self), scale, u, here)
             moving = implicit(equations, u, args)
             fixed, start = frozen((args, u))
             jacobian = jax.jacfwd(equations)(start, fixed)
@@ -257,12 +264,12 @@ class PathScene(Scene):
         return ends
 
     def solve_for(self, name, target):
-        point, found = self._sought(name, target, self.settled)
+        point, found = self._sought(name, target, self.verified)
         solution = self._report(point[:-1], point[-1], found)
         no_answer = jnp.where(found.reason == Reason.VALUE_PASSED, found.pressure, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 
-    def _sought(self, name: str, target: Scalar, settled: Callable[[Found], Found]) -> tuple[Vector, Found]:
+    def _sought(self, name: str, target: Scalar, verified: Callable[[Found], Found]) -> tuple[Vector, Found]:
         """The unknowns and, last, the pressure (Pa) where an observable has its wanted value, with derivatives."""
         fixed, value = frozen((self, target))
         span = fixed.pressure_span()
@@ -289,12 +296,12 @@ class PathScene(Scene):
             jnp.where(meant, status, Status.IMPOSSIBLE),
             loaded.iterations + reached.iterations,
             jnp.where((status == Status.OK) & meant, over[1], 0.0),
-            seen=jax.tree.map(lambda v: v[1], seen),
+            evaluated=jax.tree.map(lambda v: v[1], seen),
             reason=jnp.where(meant, reason, int(Reason.PRESSURE_RULE)),
             detail=jnp.where(meant, jnp.where(held, detail, loaded.detail), jnp.nan),
         )
-        found, step = settled(found), span.step
-        scene, target = gate(found.status == Status.OK, (self, target))
+        found, step = verified(found), span.step
+        scene, target = stop_gradient_where_failed(found.status == Status.OK, (self, target))
 
         def equations(point, args):
             scene, target, step = args
@@ -304,7 +311,7 @@ class PathScene(Scene):
         point = implicit(equations, jnp.append(found.unknowns, pressure / step), (scene, target, step))
         return point.at[-1].multiply(step), found
 
-    def _legs(self, surplus: Goal, value: Scalar, span: Span) -> tuple[tuple[Search, Search], Float[Array, " 2"]]:
+    def _legs(self, surplus: Goal, value: Scalar, span: LoadPath) -> tuple[tuple[Search, Search], Float[Array, " 2"]]:
         """First to where the pressure begins to act, then to the target, and the pressures there.
 
         What was not found because it lies far behind where the second leg began is sought once more from close to where
@@ -334,7 +341,7 @@ class PathScene(Scene):
         loaded, reached = (jax.tree.map(lambda v, k=k: v[k], legs) for k in (0, 2))
         return (loaded, reached), pressures[jnp.array([0, 2])]
 
-    def _legs_together(self, surplus: Goal, value: Scalar, span: Span):
+    def _legs_together(self, surplus: Goal, value: Scalar, span: LoadPath):
         """As `_legs`: first to a moderate pressure and all of the loads at once, then with the loads to the target,
         at a higher or a lower pressure. What is not found down to no pressure ends there."""
         ray, moderate = _to_moderate(span)
@@ -347,7 +354,7 @@ class PathScene(Scene):
 
         def leg(u, is_loading):
             """One program for both."""
-            observed = _measured(self, u[:-1], jnp.ones_like(moderate), moderate)[1]
+            observed = _residual_and_observables(self, u[:-1], jnp.ones_like(moderate), moderate)[1]
             down = ~is_loading & (surplus(value, u, observed) >= 0)
             way = select(is_loading, ray, onwards(ray, moderate, down))
             context = (is_loading, value, ray.loading, down, moderate / span.step)
@@ -378,7 +385,7 @@ class PathScene(Scene):
         finer = -(-BRANCH_POINTS // (n - 1))
 
         def along(u):
-            return _measured(self.searched(), u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
+            return _residual_and_observables(self.searched(), u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
 
         def follow_it(step, _):
             points, trusted = trace(along, begun, step, finer * (n - 1) + 1)
@@ -396,7 +403,7 @@ class PathScene(Scene):
             state = jnp.where(good, Status.OK, Status.NOT_CONVERGED)
             state = jnp.where(good & (u[-1] > span.last()), Status.BEYOND_LIMIT, state)
             pressure = span.pressure_at(u)
-            return self._report(u[:-1], pressure, self.settled(Found(u[:-1], pressure, state, jnp.asarray(0))))
+            return self._report(u[:-1], pressure, self.verified(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
         return jax.vmap(report)(points[-1, ::finer], trusted[-1, ::finer])
 
@@ -437,7 +444,7 @@ class _Surplus(NamedTuple):
         return (observed[self.name] - target) / jnp.where(size > 0, jnp.maximum(size, 1e-12), 1.0)
 
 
-def _to_moderate(span: Span) -> tuple[Ray, Scalar]:
+def _to_moderate(span: LoadPath) -> tuple[Ray, Scalar]:
     """To all loads at a moderate pressure (Pa), one that bends by about a radian: there questions that name no pressure
     begin where loads and pressure grow together."""
     moderate = jnp.minimum(span.begin + span.step, 0.5 * (span.begin + span.end))
@@ -455,14 +462,16 @@ def asked_for(pressure: Scalar, found: Found) -> Found:
 
 
 @jax.jit
-def _measured(scene: PathScene, unknowns: Vector, share: Scalar, pressure: Any) -> tuple[Vector, dict[str, Array]]:
-    """`scene.measured`, traced once for all that asks for it."""
-    return scene.measured(unknowns, share, pressure)
+def _residual_and_observables(
+    scene: PathScene, unknowns: Vector, share: Scalar, pressure: Any
+) -> tuple[Vector, dict[str, Array]]:
+    """`scene.residual_and_observables`, traced once for all that asks for it."""
+    return scene.residual_and_observables(unknowns, share, pressure)
 
 
-def measured_at(scene: PathScene, unknowns: Vector, share: Scalar, drive: Any) -> Vector:
+def residual_at(scene: PathScene, unknowns: Vector, share: Scalar, drive: Any) -> Vector:
     """The equations alone at a share of the loads and what drives the chambers there."""
-    return _measured(scene, unknowns, share, drive)[0]
+    return _residual_and_observables(scene, unknowns, share, drive)[0]
 
 
 def _to_place(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:

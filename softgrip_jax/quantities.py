@@ -87,7 +87,7 @@ def state_label(at: State) -> str:
     return at if isinstance(at, str) else in_units(at, "pressure")
 
 
-class Measured(NamedTuple):
+class Observed(NamedTuple):
     """What one design does."""
 
     values: Float[Array, " q"]
@@ -100,7 +100,7 @@ class Measured(NamedTuple):
     """The number (SI) that belongs to each reason, NaN where there is none."""
 
 
-class Asked:
+class QuantitySet:
     """A list of quantities of given scenes, checked: what a study or a search wants to know of every design."""
 
     def __init__(self, scenes: Scenes, quantities: Sequence[Quantity]):
@@ -127,7 +127,7 @@ class Asked:
             labels.append(f"{scene} at {words}" if self.several else words)
         return labels
 
-    def measure(self, scenes: Scenes, limits: Mapping[str, Scalar] | None = None) -> Measured:
+    def measure(self, scenes: Scenes, limits: Mapping[str, Scalar] | None = None) -> Observed:
         """All quantities of one design, each state solved once; `limits`: limit pressures that are known already."""
         limits = dict(limits or {})
         for q in self.quantities:
@@ -165,7 +165,7 @@ class Asked:
                 assert solution is not None
                 shape = solution.shape(SHAPE_POINTS) if shape is None else shape
                 values[k] = jnp.where(status == Status.OK, _along(shape[_component(q)[1]], q.along), jnp.nan)
-        return Measured(*(jnp.stack(column) for column in (values, statuses, reasons, details)))
+        return Observed(*(jnp.stack(column) for column in (values, statuses, reasons, details)))
 
 
 def solution_at(scene: Scene, at: State) -> Solution:

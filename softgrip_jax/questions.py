@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from .errors import InputError
 from .fields import batched_field, require, to_float_array
-from .results import Solution, gate
+from .results import Solution, stop_gradient_where_failed
 from .scene import Scalar, Scene, Solver, equilibrium, frozen
 
 
@@ -61,7 +61,7 @@ def _solve_by(scene: Scene, pressure: Scalar, solver: Solver, guess: Array | Non
 @jax.jit
 def _contact_pressure(scene: Scene) -> Scalar:
     possible = scene.can_exist()
-    return jnp.where(possible, gate(possible, scene).onset(), jnp.nan)
+    return jnp.where(possible, stop_gradient_where_failed(possible, scene).onset(), jnp.nan)
 
 
 @jax.jit

@@ -127,7 +127,7 @@ def in_units(value: Any, kind: str) -> str:
     return f"{text} {label}".strip()
 
 
-def gate(ok: Array, tree: PyTree) -> PyTree:
+def stop_gradient_where_failed(ok: Array, tree: PyTree) -> PyTree:
     """The same values, but a lane that is not ok passes no derivative, forward or reverse, whatever happens inside."""
     return jax.tree.map(lambda x: jnp.where(ok, x, jax.lax.stop_gradient(x)), tree)
 

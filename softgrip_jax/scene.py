@@ -21,7 +21,7 @@ from .errors import InputError
 from .fields import Checked, admissible, rule_names
 from .numerics.roots import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
-from .results import Solution, Status, gate, mask
+from .results import Solution, Status, mask, stop_gradient_where_failed
 
 Scalar = Float[Array, ""]
 
@@ -51,13 +51,15 @@ class Found(NamedTuple):
     rounding: Scalar | float = 0.0
     """What one part of rounding in the unknowns leaves of the scaled equations, where that is more than one part."""
     residual: Scalar | float = 0.0
-    """Scaled norm of all that was to be solved; known once `settled`."""
-    seen: tuple[Array, dict[str, Array]] | None = None
-    """What `evaluated` says there, where it was asked already; known once `settled`."""
+    """Scaled norm of all that was to be solved; known once `verified`."""
+    evaluated: tuple[Array, dict[str, Array]] | None = None
+    """What `evaluated` says there, where it was asked already; known once `verified`."""
     reason: Int[Array, ""] | int = 0
     """A `Reason`, where more is known than the status says."""
     detail: Scalar | float = jnp.nan
     """The number that belongs to the reason."""
+    end: Int[Array, ""] | int = 0
+    """Of `find_limit`: what the branch ends with, a code of its kind of scene."""
 
 
 GENERAL = {
@@ -181,11 +183,11 @@ class Scene(Checked):
                 possible &= margin >= -BROKEN
         return possible
 
-    def settled(self, found: Found) -> Found:
+    def verified(self, found: Found) -> Found:
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
         found = frozen(found)
-        seen = found.seen or frozen(self).searched().evaluated(found.unknowns, found.pressure)
-        own = jnp.max(jnp.abs(jnp.atleast_1d(seen[0])))
+        evaluated = found.evaluated or frozen(self).searched().evaluated(found.unknowns, found.pressure)
+        own = jnp.max(jnp.abs(jnp.atleast_1d(evaluated[0])))
         # Rounding leaves a residual in proportion to the unknowns.
         own = (
             own
@@ -196,25 +198,25 @@ class Scene(Checked):
         small = residual <= RESIDUAL_EPS * jnp.finfo(residual.dtype).eps
         failed = (found.status == Status.OK) & ~small
         status = jnp.where(failed, Status.NOT_CONVERGED, found.status)
-        return found._replace(status=status, residual=residual, seen=seen)
+        return found._replace(status=status, residual=residual, evaluated=evaluated)
 
     def _solution(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
         pressure = found.pressure
-        found = self.settled(found)
-        scene, pressure = gate(found.status == Status.OK, (self, pressure))
-        return self._report(scene.rooted(found.unknowns, pressure), pressure, found)
+        found = self.verified(found)
+        scene, pressure = stop_gradient_where_failed(found.status == Status.OK, (self, pressure))
+        return self._report(scene.with_implicit_derivative(found.unknowns, pressure), pressure, found)
 
-    def rooted(self, unknowns: Array, pressure: Scalar) -> Array:
+    def with_implicit_derivative(self, unknowns: Array, pressure: Scalar) -> Array:
         """Unknowns that solve `residual`, with their derivatives by everything in the scene and by the pressure."""
         return implicit(lambda y, args: args[0].residual(y, args[1]), unknowns, (self, pressure))
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
-        assert found.seen is not None
-        scene = gate(found.status == Status.OK, self)
+        assert found.evaluated is not None
+        scene = stop_gradient_where_failed(found.status == Status.OK, self)
         observed = with_derivatives_of(
-            lambda args: args[0].observe(*args[1:]), found.seen[1], (scene, unknowns, pressure)
+            lambda args: args[0].observe(*args[1:]), found.evaluated[1], (scene, unknowns, pressure)
         )
         margins, status, reason, detail = self._judged_by_rules(scene, unknowns, pressure, found)
         observables = mask(status, observed)

@@ -19,7 +19,7 @@ from optim.design.descent import FEASIBLE, search
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
-from softgrip_jax.quantities import Asked
+from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 
@@ -283,7 +283,7 @@ def test_a_curve_that_a_finger_can_have_is_found_again():
 def test_components_of_a_point_are_quantities():
     scene = sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=None, inclination="none")
     quantities = [Quantity("tip.x", 31 * kPa), Quantity("tip.y", 31 * kPa), Quantity("shape.y", 31 * kPa, along=1.0)]
-    asked = Asked({"scene": scene}, quantities)
+    asked = QuantitySet({"scene": scene}, quantities)
     x, y, end = jax.jit(lambda scene: asked.measure({"scene": scene}).values)(scene)
     tip = sg.solve(scene, 31 * kPa).tip
     np.testing.assert_allclose([x, y, end], [tip[0], tip[1], tip[1]], rtol=1e-9)

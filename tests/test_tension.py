@@ -173,17 +173,17 @@ def test_starts_none_of_which_has_settled_are_compared():
     tried = candidate("Ogden2", STRAIN, RISE)
     fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [curve(RISE * 1e4)])
 
-    def ended(*x, cost=(1.0, 1.0), settled=False):
+    def ended(*x, cost=(1.0, 1.0), verified=False):
         x = np.array(x)
-        return Fitted(x, x, np.array(cost), None, np.array([200, 200]), np.array([settled, settled]))
+        return Fitted(x, x, np.array(cost), None, np.array([200, 200]), np.array([verified, verified]))
 
     first = [2e3, 1e3, 1.9, 3.0]
-    for settled in (False, True):
-        (note,) = _other_minima(fitting, ended(first, [1e3, 2e3, 1.9, 3.0], settled=settled), 0, tried.canonical)
+    for verified in (False, True):
+        (note,) = _other_minima(fitting, ended(first, [1e3, 2e3, 1.9, 3.0], verified=verified), 0, tried.canonical)
         assert "equally good at different parameters" in note
         # The two terms of a sum may stand in either order, and a worse fit says nothing.
         swapped = [first[1], first[0], first[3], first[2]]
-        assert _other_minima(fitting, ended(first, swapped, settled=settled), 0, tried.canonical) == []
+        assert _other_minima(fitting, ended(first, swapped, verified=verified), 0, tried.canonical) == []
         assert _other_minima(fitting, ended(first, [1e3] * 4, cost=(1.0, 1.1)), 0, tried.canonical) == []
     assert _other_minima(fitting, ended(first, first, cost=(np.nan, np.nan)), 0, tried.canonical) == []
 

@@ -28,7 +28,7 @@ from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT
 from ..space import to_free, to_unit
-from .model import Fitted, Fitting, Lane, Predicted
+from .model import FitMember, Fitted, Fitting, Predicted
 
 CONFIDENCE = 0.95
 """Of every interval."""
@@ -54,7 +54,7 @@ class Fit:
     """A finished fit. Arrays of parameters are in the order of `fitting.space.names`, points in that of the curves."""
 
     fitting: Fitting
-    lane: Lane
+    lane: FitMember
     """The data with the weights and noises of the last fit; `start` is where it ended."""
     predicted: Predicted
     x: np.ndarray
@@ -167,7 +167,7 @@ class Fit:
         return np.concatenate(x), np.concatenate(y), np.concatenate(half)
 
 
-def run_lanes(fitting: Fitting, lanes: Sequence[Lane], stage: str = "", report: Tell = silent) -> Fitted:
+def run_lanes(fitting: Fitting, lanes: Sequence[FitMember], stage: str = "", report: Tell = silent) -> Fitted:
     """Many fits, stacked, by the one compiled program; `report` is told the stage and how many are done."""
     ends = []
     for k, lane in enumerate(lanes):
@@ -211,7 +211,7 @@ def calibrate(
     return finished(fitting, lane, (*notes, *dropped))
 
 
-def finished(fitting: Fitting, lane: Lane, notes: Sequence[str] = ()) -> Fit:
+def finished(fitting: Fitting, lane: FitMember, notes: Sequence[str] = ()) -> Fit:
     """The last fit from where the lane starts, with its statistics."""
     end = fitting.fit_lane_jit(lane)
     lane = lane._replace(start=end.u)
@@ -253,7 +253,7 @@ def require_data(fitting: Fitting) -> None:
             )
 
 
-def with_noise(fitting: Fitting, lane: Lane) -> Lane:
+def with_noise(fitting: Fitting, lane: FitMember) -> FitMember:
     """The lane with its noises estimated where they are not stated, and started where its fit ends."""
     for _ in range(NOISE_ROUNDS):
         end = fitting.fit_lane_jit(lane)
@@ -267,7 +267,7 @@ def with_noise(fitting: Fitting, lane: Lane) -> Lane:
     return lane
 
 
-def _without_lost_points(fitting: Fitting, lane: Lane) -> tuple[Lane, list[str]]:
+def _without_lost_points(fitting: Fitting, lane: FitMember) -> tuple[FitMember, list[str]]:
     """The lane without the points that have no equilibrium at its best fit, and a sentence per curve about them.
 
     A point just below the limit may hold the fit there: a little softer, and it would have no equilibrium, which costs

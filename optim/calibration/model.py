@@ -89,7 +89,7 @@ class Response(NamedTuple):
     """Pressure over limit pressure; 0 where there is no limit."""
 
 
-class Lane(NamedTuple):
+class FitMember(NamedTuple):
     """One fit: the data, and where to start."""
 
     start: Float[Array, " n"]
@@ -208,7 +208,7 @@ class Fitting:
         (slopes, back), response = jax.jacfwd(split, has_aux=True)(x)
         return Predicted(response, slopes, back)
 
-    def residuals(self, u: Float[Array, " n"], lane: Lane) -> tuple[Float[Array, " N"], Predicted]:
+    def residuals(self, u: Float[Array, " n"], lane: FitMember) -> tuple[Float[Array, " N"], Predicted]:
         """(g(r) before the weights, what it comes from). The derivative by u is exact, and there is no second one.
 
         Values and slopes come from one program, traced once, and the chain rule by u is attached to them: the solver's
@@ -222,7 +222,7 @@ class Fitting:
         lost = (jnp.asarray(self.sizes)[self.of_curve] / sigma) * (1 + missing)
         return LOSSES[self.loss](jnp.where(response.ok, (values - lane.y) / sigma, lost)), predicted
 
-    def fit_lane(self, lane: Lane) -> Fitted:
+    def fit_lane(self, lane: FitMember) -> Fitted:
         """One fit."""
         scale = jnp.min(lane.sigma / self.sizes)
 
@@ -255,11 +255,11 @@ class Fitting:
         """The pressures and strains at which each model is asked."""
         return {name: jnp.asarray(x) for name, x in self.xs.items()}
 
-    def lane(self, start: Any, **changes: Any) -> Lane:
+    def lane(self, start: Any, **changes: Any) -> FitMember:
         """The data as measured, with some entries changed; noises that are not stated start at 1 % of the curve."""
         noises = [c.noise or START_NOISE * c.size for c in self.curves]
         free = jnp.ones(self.space.size, dtype=bool)
-        lane = Lane(
+        lane = FitMember(
             jnp.asarray(start), free, self.points(), jnp.asarray(self.y), jnp.asarray(self.weight), jnp.asarray(noises)
         )
         return lane._replace(**{name: jnp.asarray(value) for name, value in changes.items()})
@@ -274,7 +274,7 @@ class Fitting:
         space = self.space
         return np.where(space.low > 0, x, np.maximum(np.abs(x), 1e-3 * (space.high - space.low)))
 
-    def statistics(self, predicted: Predicted, lane: Lane, scales: Any) -> Statistics:
+    def statistics(self, predicted: Predicted, lane: FitMember, scales: Any) -> Statistics:
         """Noise per curve and covariance of the parameters from where a fit ended.
 
         With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
@@ -331,7 +331,7 @@ def _inverse_square(jacobian: Array) -> Array:
     return rows.T @ rows
 
 
-LOST = 2.0
+NO_STATE_MISFIT = 2.0
 """`missing` of a point whose scene cannot exist, or was not solved: more than any beyond a limit usually has."""
 
 
@@ -350,5 +350,5 @@ def _answers(model: Scene | Tension, at: Array) -> tuple[dict[str, Array], Array
     ok = (solutions.status == Status.OK) | (solutions.status == Status.NO_CONTACT)
     beyond = bounded & (solutions.status == Status.BEYOND_LIMIT)
     pressure = jnp.where(at > 0, at, 1.0)
-    missing = jnp.where(beyond, 1 / NEAR_LIMIT - safe / pressure, jnp.where(ok, 0.0, LOST))
+    missing = jnp.where(beyond, 1 / NEAR_LIMIT - safe / pressure, jnp.where(ok, 0.0, NO_STATE_MISFIT))
     return solutions.observables, ok, missing, jnp.where(bounded, at / safe, 0.0)

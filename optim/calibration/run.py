@@ -22,12 +22,12 @@ from rich.console import Console
 
 from softgrip_jax import config as configs
 from softgrip_jax.errors import InputError, located
-from softgrip_jax.folders import Undisturbed, new_folder
+from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
 from softgrip_jax.units import DISPLAY, unit_key
 
-from ..records import told, versions
+from ..records import summary, versions
 from ..tension.run import run_tension
 from ..tension.test import material_of
 from . import settings
@@ -49,11 +49,11 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
         with located(f"{config}, [calibrate]"), stages(console) as tell:
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
             findings = examine(fit, table.intervals, table.repeats, table.seed, tell)
-        with Undisturbed() as writing:
+        with DeferInterrupt() as writing:
             _write(folder, given, read, findings)
     report(findings, console)
     command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
-    console.print(told("fit", final, command), soft_wrap=True)
+    console.print(summary("fit", final, command), soft_wrap=True)
     if findings.stopped or writing.asked:
         raise KeyboardInterrupt
     return final

@@ -31,7 +31,7 @@ from softgrip_jax.results import Status
 
 from ..problem import Judged, Problem, Scales, Scaling
 from ..space import to_free, to_unit
-from .finish import LOST, finish
+from .finish import NO_EQUILIBRIUM_RANK, finish
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
 """optax optimisers that need nothing but a gradient and a learning rate."""
@@ -49,11 +49,11 @@ PENALTY, PENALTY_GROWTH, PENALTY_MAX = 10.0, 2.0, 1e4
 """Of the augmented Lagrangian: with pure numbers of order one, 10 bends the objective's slope back within a tenth of a
 bound. It grows while the violation does not halve between two updates."""
 
-NEARLY = 1e-2
+LOOSELY_FEASIBLE = 1e-2
 """The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
 multipliers approach a constraint from its broken side, and the finish removes what is left."""
 
-AT_REST = 2e-3
+STALLED = 2e-3
 """A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps: it is in
 the basin of its optimum, and the finish does the rest."""
 
@@ -74,11 +74,11 @@ CPU_CHUNK = 16
 """Lanes per call on a CPU at most, where a lane alone costs as much as a lane in a batch: as many as are finished
 together, so that no call is filled up with copies. Elsewhere a chunk holds all the starts."""
 
-_LOST = LOST
+NO_EQUILIBRIUM_RANK = NO_EQUILIBRIUM_RANK
 """Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
 
-class Found(NamedTuple):
+class Evaluated(NamedTuple):
     """What is known of designs, each array with one row per design."""
 
     values: Float[np.ndarray, "k q"]
@@ -98,7 +98,7 @@ class Evaluator:
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
 
-    def __call__(self, t: Any) -> Found:
+    def __call__(self, t: Any) -> Evaluated:
         t = np.atleast_2d(np.asarray(t, dtype=float))
         self.solves += len(t)
         parts = []
@@ -111,7 +111,7 @@ class Evaluator:
                 )
             )
         found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
-        return Found(
+        return Evaluated(
             found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses, found.reasons, found.details
         )
 
@@ -121,7 +121,7 @@ def chunk_for(starts: int, finishes: int) -> int:
     return min(starts, finishes, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
 
 
-class Lane(NamedTuple):
+class SearchMember(NamedTuple):
     """One descent: what it carries from step to step."""
 
     u: Float[Array, " n"]
@@ -163,7 +163,7 @@ class Design:
     @property
     def answered(self) -> bool:
         """Whether every state that is asked of it exists; else its objective and its violations say nothing."""
-        return self.rank < 2 * _LOST
+        return self.rank < 2 * NO_EQUILIBRIUM_RANK
 
     @property
     def violation(self) -> float:
@@ -245,7 +245,7 @@ def search(
             evaluate.home = start_t[answered[0]]
     judging = jax.jit(lambda values, scales: judged_with_slopes(problem, scales, values))
 
-    def judge(values: Any) -> tuple[Judged, Judged]:
+    def score(values: Any) -> tuple[Judged, Judged]:
         return judging(values, scaling.scales)
 
     rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
@@ -253,7 +253,7 @@ def search(
     lanes = _begin(start_t, len(problem.constrained), rule)
     advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
     # Called for nothing, to be compiled.
-    judge(at_reference.values[0])
+    score(at_reference.values[0])
     advance(scaling.scales, lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
@@ -269,12 +269,12 @@ def search(
     finished = candidates
     if not stopped:
         try:
-            finished = finish(candidates, evaluate, problem, scaling.scales, judge)
+            finished = finish(candidates, evaluate, problem, scaling.scales, score)
         except KeyboardInterrupt:
             stopped = True
     # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
     both = zip(
-        designs_at(problem, judge, evaluate, finished), designs_at(problem, judge, evaluate, candidates), strict=True
+        designs_at(problem, score, evaluate, finished), designs_at(problem, score, evaluate, candidates), strict=True
     )
     designs = [after if after.rank <= before.rank else before for after, before in both]
     order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
@@ -283,7 +283,7 @@ def search(
         chosen = [d for d in chosen if d.feasible]
     return SearchResult(
         problem,
-        designs_at(problem, judge, evaluate, reference_t[None])[0],
+        designs_at(problem, score, evaluate, reference_t[None])[0],
         chosen,
         history,
         evaluate.solves,
@@ -309,10 +309,10 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([reference[None], points])[:starts]
 
 
-def _begin(t: np.ndarray, constraints: int, rule: Any) -> Lane:
+def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
     """A lane at each row of unit values."""
     count, u = len(t), to_free(t)
-    return Lane(
+    return SearchMember(
         u,
         jnp.asarray(t),
         jax.vmap(rule.init)(u),
@@ -326,8 +326,8 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> Lane:
 
 
 def _descend(
-    lanes: Lane, evaluate, advance, scaling: Scaling, steps, report
-) -> tuple[Lane, dict[str, np.ndarray], bool]:
+    lanes: SearchMember, evaluate, advance, scaling: Scaling, steps, report
+) -> tuple[SearchMember, dict[str, np.ndarray], bool]:
     """All lanes to rest, or to the last step, or (True) to where they were stopped."""
     moving = np.arange(len(lanes.u))
     found, stopped = None, False
@@ -343,7 +343,7 @@ def _descend(
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
             rank = np.asarray(lanes.best_rank)
             best = rank.min()
-            feasible = int(np.sum(rank < 0.5 * _LOST))
+            feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))
             equilibrium = int(np.sum(found.shortfall == 0))
             rows.append((best if feasible else np.nan, equilibrium, feasible, len(moving)))
             if report:
@@ -364,7 +364,7 @@ def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return old
 
 
-def _step(problem: Problem, rule: Any, scales: Scales, lane: Lane, found: Found, step: Any) -> Lane:
+def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found: Evaluated, step: Any) -> SearchMember:
     """One step of one lane, from what was found at its u."""
     judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
@@ -376,15 +376,15 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: Lane, found: Found,
     u = optax.apply_updates(lane.u, updates)
 
     violation = jnp.max(judged.violations, initial=0.0)
-    rank = _rank(judged.objective + PENALTY * violation, violation, found.shortfall, NEARLY)
+    rank = _rank(judged.objective + PENALTY * violation, violation, found.shortfall, LOOSELY_FEASIBLE)
     better = rank < lane.best_rank
     due = in_equilibrium & (step % PERIOD == PERIOD - 1)
     stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * lane.last_violation))
     t = to_unit(u)
     moved = jnp.max(jnp.abs(t - lane.t))
-    resting = in_equilibrium & (moved < AT_REST) & (violation < NEARLY)
+    resting = in_equilibrium & (moved < STALLED) & (violation < LOOSELY_FEASIBLE)
     done = lane.rest >= PERIOD
-    new = Lane(
+    new = SearchMember(
         u,
         t,
         memory,
@@ -399,14 +399,14 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: Lane, found: Found,
 
 
 def judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:
-    """`Problem.judge` and its derivatives by the quantities."""
-    return problem.judge(values, scales), jax.jacfwd(partial(problem.judge, scales=scales))(values)
+    """`Problem.score` and its derivatives by the quantities."""
+    return problem.score(values, scales), jax.jacfwd(partial(problem.score, scales=scales))(values)
 
 
 def _rank(objective, violation, shortfall, tolerance=FEASIBLE):
     """Feasible designs by objective, then infeasible ones by violation, then those without equilibrium."""
-    rank = jnp.where(violation <= tolerance, objective, _LOST + violation)
-    return jnp.where(shortfall == 0, rank, 2 * _LOST + shortfall)
+    rank = jnp.where(violation <= tolerance, objective, NO_EQUILIBRIUM_RANK + violation)
+    return jnp.where(shortfall == 0, rank, 2 * NO_EQUILIBRIUM_RANK + shortfall)
 
 
 def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
@@ -418,7 +418,7 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
     return kept
 
 
-def _reasons(found: Found, k: int) -> tuple[str, ...]:
+def _reasons(found: Evaluated, k: int) -> tuple[str, ...]:
     """Why the states of design k are as they are, in words."""
     if found.reasons is None:  # a problem of formulas
         return ()
@@ -426,12 +426,12 @@ def _reasons(found: Found, k: int) -> tuple[str, ...]:
     return tuple(Reason(int(reason)).text(float(detail)) for reason, detail in pairs)
 
 
-def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
+def designs_at(problem: Problem, score: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
     found, space, designs = evaluate(t), problem.space, []
     labels = problem.constraint_labels()
     for k, row in enumerate(t):
-        judged, _ = judge(found.values[k])
+        judged, _ = score(found.values[k])
         violations = np.asarray(judged.violations)
         rank = float(_rank(judged.objective, np.max(violations, initial=0.0), found.shortfall[k]))
         held = np.abs(violations) < ACTIVE
@@ -450,7 +450,7 @@ def designs_at(problem: Problem, judge: Any, evaluate: Evaluator, t: np.ndarray)
                 problem.margins(found.values[k]),
                 tuple(Status(int(s)) for s in found.statuses[k]),
                 _reasons(found, k),
-                rank < 0.5 * _LOST,
+                rank < 0.5 * NO_EQUILIBRIUM_RANK,
                 rank,
                 tuple(active),
             )

@@ -26,7 +26,7 @@ ROUNDING = 1e-9
 ITERATIONS = 60
 """SLSQP and least squares are done in ten to thirty from where the descent ends."""
 
-LOST = 1e6
+NO_EQUILIBRIUM_RANK = 1e6
 """What a design without equilibrium deviates by: a step of least squares that led there is taken back."""
 
 BOX, SHRINK, BOXES = 0.25, 0.3, 16
@@ -104,7 +104,7 @@ def in_step(evaluate: Any, count: int, work: Callable[[int, Look], np.ndarray]) 
             raise
 
 
-def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scales, judge: Any) -> np.ndarray:
+def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scales, score: Any) -> np.ndarray:
     """The local optimum near each row of unit values.
 
     Args:
@@ -122,9 +122,9 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
             if not problem.constrained:
                 return start
             values, _, shortfall = look(start)
-            if shortfall == 0 and np.max(judge(values)[0].violations, initial=0.0) <= 0:
+            if shortfall == 0 and np.max(score(values)[0].violations, initial=0.0) <= 0:
                 return start
-        return _programmed(start, look, judge, bool(problem.constrained))
+        return _programmed(start, look, score, bool(problem.constrained))
 
     return on_bounds(np.stack(in_step(evaluate, len(candidates), one)))
 
@@ -169,13 +169,13 @@ def boxed(run: Callable[[np.ndarray, list[tuple[float, float]]], np.ndarray], t:
     return t
 
 
-def _programmed(t: np.ndarray, look: Look, judge: Any, constrained: bool) -> np.ndarray:
+def _programmed(t: np.ndarray, look: Look, score: Any, constrained: bool) -> np.ndarray:
     """By SLSQP: objective under constraints."""
 
     @remembered
     def judged(t):
         values, by_t, shortfall = look(t)
-        worth, slopes = judge(values)
+        worth, slopes = score(values)
         violations, pushes = np.asarray(worth.violations), np.asarray(slopes.violations)
         if shortfall > 0:
             raise Lost
@@ -204,7 +204,7 @@ def _least_squares(t: np.ndarray, look: Look, problem: Problem, scales: Scales) 
     def deviations(t):
         values, by_t, shortfall = look(t)
         if shortfall > 0:
-            return np.full(len(problem.goals), LOST), np.zeros((len(problem.goals), len(t)))
+            return np.full(len(problem.goals), NO_EQUILIBRIUM_RANK), np.zeros((len(problem.goals), len(t)))
         places = [problem.asked.index(goal.quantity) for goal in problem.goals]
         targets = np.array([goal.target for goal in problem.goals])
         factors = np.sqrt([goal.weight for goal in problem.goals]) / np.array(scales.goals)

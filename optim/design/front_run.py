@@ -15,12 +15,13 @@ from rich.console import Console
 
 from softgrip_jax import config as configs
 from softgrip_jax.errors import located
-from softgrip_jax.folders import Undisturbed, new_folder
+from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import stages
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
-from ..records import agreed, design_row, in_si, next_command, said, told, versions, write_csv
+from ..records import agreed, design_row, in_si, next_command, said, versions, write_csv
+from ..records import summary as summary_line
 from . import settings
 from .pareto import Front, pareto
 
@@ -38,13 +39,13 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
                 report=lambda stage, solves: tell(f"{stage}, {solves} designs solved before"),
                 **wanted.arguments,
             )
-        with Undisturbed() as writing:
+        with DeferInterrupt() as writing:
             _write(folder, given, wanted, front)
     report(front, console)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")
     command = next_command(wanted.problem, final / "designs" / "01.toml", front.designs[0])
-    console.print(told("run", final, command), soft_wrap=True)
+    console.print(summary_line("run", final, command), soft_wrap=True)
     if front.stopped or writing.asked:
         raise KeyboardInterrupt
     return final

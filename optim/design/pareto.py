@@ -110,7 +110,7 @@ def pareto(
         if not len(rows):
             raise
     t, terms = known.t[rows], known.terms[rows]
-    designs = designs_at(problem, known.judge, known.evaluate, t)
+    designs = designs_at(problem, known.score, known.evaluate, t)
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
     return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped)
 
@@ -145,7 +145,7 @@ class _Known:
         terms_of = jax.jit(
             lambda values, scales: (problem.terms(values, scales), jax.jacfwd(problem.terms)(values, scales))
         )
-        self.judge = lambda values: judging(values, self.scaling.scales)
+        self.score = lambda values: judging(values, self.scaling.scales)
         self.terms_of = lambda values: terms_of(values, self.scaling.scales)
         power = int(np.ceil(np.log2(max(starts, 2))))
         t = qmc.Sobol(space.size, rng=seed).random_base2(power)
@@ -170,7 +170,7 @@ class _Known:
         self.scaling.learn(found.values)
         terms, broken = [], []
         for values, shortfall in zip(found.values, found.shortfall, strict=True):
-            judged, _ = self.judge(values)
+            judged, _ = self.score(values)
             terms.append(np.asarray(self.terms_of(values)[0]))
             broken.append(np.inf if shortfall > 0 else float(np.max(np.asarray(judged.violations), initial=0.0)))
         self.t = np.concatenate([self.t, t])
@@ -272,7 +272,7 @@ class _Known:
         @remembered
         def seen(t):
             values, by_t, shortfall = look(t)
-            judged, slopes = self.judge(values)
+            judged, slopes = self.score(values)
             violations, pushes = np.asarray(judged.violations), np.asarray(slopes.violations)
             if shortfall > 0:
                 raise Lost

@@ -23,7 +23,7 @@ import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
-from softgrip_jax.folders import Undisturbed, new_folder
+from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -31,7 +31,7 @@ from softgrip_jax.tables import Table
 
 from .. import rules
 from ..problem import Goal, Problem
-from ..records import agreed, design_row, in_si, next_command, said, told, unsolved, versions, write_csv
+from ..records import agreed, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
@@ -60,11 +60,11 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
         result = _search_with_progress(wanted, console)
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
-        with Undisturbed() as writing:
+        with DeferInterrupt() as writing:
             report(result, console)  # at once: pictures take a while
             _write(folder, given, read, wanted, result)
     command = next_command(wanted.problem, final / "best.toml", result.best)
-    console.print(told("run", final, command), soft_wrap=True)
+    console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
@@ -259,7 +259,7 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_section()
     for k, (label, (of, *_)) in enumerate(zip(problem.constraint_labels(), problem.sides, strict=False)):
         table.add_row(label, *(_room(d.violations[k]) if np.isfinite(d.values[of]) else "-" for d in shown))
-    for line in rules.told(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
+    for line in rules.summary(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
         table.add_row(line.label, *(rules.words(margin) for margin in line.margins))
     table.add_row("status", *(" ".join(dict.fromkeys(s.name for s in d.statuses)) for d in shown))
     console.print(table)

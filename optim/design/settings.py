@@ -38,7 +38,7 @@ from ..space import Space, Variable
 from .descent import FINISHED, OPTIMISERS
 
 
-class VariableTable(Table):
+class DesignVariable(Table):
     name: str | list[str]
     low: float
     high: float
@@ -71,7 +71,7 @@ class ConstraintTable(Table):
 
 
 class DesignTable(Table):
-    variables: list[VariableTable] = pydantic.Field(min_length=1)
+    variables: list[DesignVariable] = pydantic.Field(min_length=1)
     goals: list[GoalTable] = pydantic.Field(min_length=1)
     constraints: list[ConstraintTable] = []
     starts: int = pydantic.Field(default=256, ge=1, le=1_000_000)
@@ -132,7 +132,7 @@ def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:
     return {} if at is None or isinstance(at, str) else {"solve": {"pressure_kPa": at / DISPLAY["pressure"][1]}}
 
 
-def _variable(scenes: Scenes, table: VariableTable, where: str) -> Variable:
+def _variable(scenes: Scenes, table: DesignVariable, where: str) -> Variable:
     number = varied(scenes, table.name, where)
     low, high = number.bounds(table.low, table.high, table.scale, where)
     return Variable(number.name, low, high, table.scale)

@@ -29,7 +29,7 @@ STARTS = 16
 
 
 @dataclasses.dataclass(frozen=True)
-class Judged:
+class FittedMaterial:
     """One material on the test."""
 
     name: str
@@ -61,14 +61,14 @@ class Comparison:
     curve: Curve
     window: float
     """Largest strain that was fitted."""
-    judged: list[Judged]
+    judged: list[FittedMaterial]
     """Best first."""
     windows: list[Window]
     remarks: tuple[str, ...] = ()
     """What was left out, in sentences."""
 
     @property
-    def chosen(self) -> Judged:
+    def chosen(self) -> FittedMaterial:
         """The best that is stable; the best, where none is."""
         return next((one for one in self.judged if not one.softens), self.judged[0])
 
@@ -89,7 +89,7 @@ def compare(
         if not bool(material.is_stable_at_rest()):
             remarks.append(f"{name} is left out: {_softer_than_nothing(material)}.")
             continue
-        judged.append(Judged(name, fit, material, akaike(fit), softening(material, window)))
+        judged.append(FittedMaterial(name, fit, material, akaike(fit), softening(material, window)))
     if not judged:
         raise InputError(f"No material describes this test. {' '.join(remarks)}")
     judged.sort(key=lambda one: one.akaike)

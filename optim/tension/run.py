@@ -43,8 +43,8 @@ from ..calibration.data import Curve
 from ..calibration.fit import Fit
 from ..calibration.provenance import material_text, provenance
 from ..calibration.settings import ColumnTable, column, read_specimens
-from ..records import told, versions
-from .compare import COMPARED, DEPENDS, SOFT, STIFF, TEST, Comparison, Judged, compare
+from ..records import summary, versions
+from .compare import COMPARED, DEPENDS, SOFT, STIFF, TEST, Comparison, FittedMaterial, compare
 from .test import BEYOND, CANDIDATES
 
 
@@ -95,7 +95,7 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
         draw(found, folder / "fit.png")
     report(found, remarks, console)
     command = 'material = "material.toml" in a config in this folder.'
-    console.print(told("fit", final, command), soft_wrap=True)
+    console.print(summary("fit", final, command), soft_wrap=True)
     return final
 
 
@@ -193,7 +193,7 @@ def _write_table(path: Path, found: Comparison) -> None:
 
 
 def _summary(found: Comparison, remarks: list[str]) -> dict[str, Any]:
-    def one(judged: Judged) -> dict[str, Any]:
+    def one(judged: FittedMaterial) -> dict[str, Any]:
         names = [name.removeprefix("material.") for name in judged.fit.fitting.space.names]
         return {
             "constants": dict(zip(names, map(float, judged.fit.x), strict=True)),

@@ -27,7 +27,7 @@ from .. import config as configs
 from ..config.keys import Table, Varied, all_numbers, quantity, states_of, varied
 from ..errors import located
 from ..folders import contents, new_folder
-from ..parameters import Leaf
+from ..parameters import Parameter
 from ..progress import stages
 from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
 from ..results import Status, in_units
@@ -37,13 +37,13 @@ from .files import plain
 from .sweep import ObservableTable
 
 
-class VariableTable(Table):
+class ToleratedVariable(Table):
     name: str | list[str]
     tolerance: float | None = pydantic.Field(default=None, gt=0)
 
 
 class SensitivityTable(Table):
-    variables: list[VariableTable] = []
+    variables: list[ToleratedVariable] = []
     observables: list[ObservableTable] = []
     samples: int = pydantic.Field(default=10_000, ge=100, le=100_000_000)
     seed: int = pydantic.Field(default=0, ge=0)
@@ -64,7 +64,7 @@ def read(config: configs.Config) -> Wanted:
     """What a config asks for; ConfigError for anything that is wrong in it."""
     where = f"{config.path}, [sensitivity]"
     table: SensitivityTable = configs.validated(SensitivityTable, config.tables.get("sensitivity", {}), where)
-    variables = table.variables or [VariableTable(name=key) for key in all_numbers(config.scenes)]
+    variables = table.variables or [ToleratedVariable(name=key) for key in all_numbers(config.scenes)]
     numbers = [varied(config.scenes, v.name, where) for v in variables]
     tolerances = [
         None if v.tolerance is None else v.tolerance * number.unit for v, number in zip(variables, numbers, strict=True)
@@ -94,7 +94,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
         with located(f"{config}, [sensitivity]"), stages(console) as tell:
             data = sensitivity(
                 read_config.scenes,
-                [Leaf(number.name) for number in wanted.numbers],
+                [Parameter(number.name) for number in wanted.numbers],
                 wanted.quantities,
                 _per_entry(read_config, wanted),
                 wanted.samples,
@@ -112,9 +112,9 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
 
 def _per_entry(config: configs.Config, wanted: Wanted) -> list[float | None]:
     """Tolerances of leaves as those of the entries of the vector: a list of numbers shares one."""
-    from ..parameters import Leaves
+    from ..parameters import Parameters
 
-    sizes = Leaves(config.scenes, [Leaf(number.name) for number in wanted.numbers]).sizes
+    sizes = Parameters(config.scenes, [Parameter(number.name) for number in wanted.numbers]).sizes
     return [t for t, size in zip(wanted.tolerances, sizes, strict=True) for _ in range(size)]
 
 

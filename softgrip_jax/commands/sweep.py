@@ -36,7 +36,7 @@ from .. import config as configs
 from ..config.keys import Table, Varied, quantity, states_of, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
-from ..parameters import Leaf
+from ..parameters import Parameter
 from ..progress import LINE_SECONDS
 from ..quantities import State, solution_at
 from ..reasons import Reason
@@ -49,7 +49,7 @@ from ..tables import Table as PrintedTable
 from .files import plain
 
 
-class VariableTable(Table):
+class SweptVariable(Table):
     name: str | list[str]
     low: float | None = None
     high: float | None = None
@@ -65,7 +65,7 @@ class ObservableTable(Table):
 
 class SweepTable(Table):
     method: Literal["grid", "latin_hypercube", "sobol", "csv"]
-    variables: list[VariableTable] = []
+    variables: list[SweptVariable] = []
     observables: list[ObservableTable] = pydantic.Field(min_length=1)
     samples: int | None = pydantic.Field(default=None, ge=1, le=1_000_000_000)
     seed: int = pydantic.Field(default=0, ge=0)
@@ -93,7 +93,7 @@ def read(config: configs.Config) -> tuple[Study, str]:
         for name in [observed.name] if isinstance(observed.name, str) else observed.name:
             quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
     with located(where):
-        study = Study(config.scenes, [Leaf(v.name) for v in numbers], quantities, designs, table.gradients)
+        study = Study(config.scenes, [Parameter(v.name) for v in numbers], quantities, designs, table.gradients)
     return study, identity
 
 

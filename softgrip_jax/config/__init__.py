@@ -7,7 +7,7 @@ and quantities, `schema` and `template` help to write a config.
 from ..errors import ConfigError as ConfigError
 from ..units import unit_key as unit_key
 from .modules import Key as Key
-from .modules import Leaf as Leaf
+from .modules import NumberKey as NumberKey
 from .modules import classes_of as classes_of
 from .modules import keys_of as keys_of
 from .modules import leaf as leaf

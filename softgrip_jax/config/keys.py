@@ -83,7 +83,7 @@ def varied(scenes: Scenes, keys: str | list[str], where: str) -> Varied:
     return Varied(keys[0], " = ".join(names), found[0][1].kind, found[0][1].rule)
 
 
-def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.Leaf]]:
+def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.NumberKey]]:
     head, _, rest = key.partition(".")
     if len(scenes) > 1 and head in scenes and rest:
         return [(head, configs.leaf(scenes[head], rest, where))]

@@ -54,7 +54,7 @@ class Key(NamedTuple):
     required: bool
 
 
-class Leaf(NamedTuple):
+class NumberKey(NamedTuple):
     """A number of a scene, as named in a config: 'shell.a_mm'."""
 
     names: tuple[str, ...]
@@ -73,7 +73,7 @@ class Leaf(NamedTuple):
         return functools.reduce(getattr, self.names, scene)
 
 
-def leaf(scene: Scene, dotted: str, where: str) -> Leaf:
+def leaf(scene: Scene, dotted: str, where: str) -> NumberKey:
     """The number of a scene that a dotted key with its unit names, for instance 'shell.a_mm'."""
     *parents, last = dotted.split(".")
     module: Any = scene
@@ -86,7 +86,7 @@ def leaf(scene: Scene, dotted: str, where: str) -> Leaf:
     if last not in numbers:
         raise ConfigError(f"{where}: {unknown(f'number {dotted!r}', last, numbers)}")
     rule, kind = _rule(numbers[last], module) or ("", "")
-    return Leaf((*parents, numbers[last].name), kind, rule)
+    return NumberKey((*parents, numbers[last].name), kind, rule)
 
 
 def number_keys(module: Any) -> list[str]:

@@ -215,10 +215,10 @@ def minimise(
         falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))
         holding = state.together == 0
         taken = definite & jnp.where(holding, falls, (size < NEAR) & (state.together < TRIES))
-        settled = taken & (size < SETTLED) & (steps.change < SETTLED)
+        verified = taken & (size < SETTLED) & (steps.change < SETTLED)
         first = state.kept_load == 0
         known = jnp.max(jnp.abs(state.kept[0] + jnp.where(first, state.load, 0.0) * state.slope[0]))
-        leap = jnp.where(jnp.any(x.pressed > 0), LEAP_IN_CONTACT, LEAP) * jnp.where(settled, 1.0, 2.0)
+        leap = jnp.where(jnp.any(x.pressed > 0), LEAP_IN_CONTACT, LEAP) * jnp.where(verified, 1.0, 2.0)
         leapt = taken & (jnp.max(jnp.abs(trial)) > known + leap)
 
         # Near: y and multipliers together, from where it is safe to return to.
@@ -264,7 +264,7 @@ def minimise(
         step = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
         arrived = towards(found, state.load, steps.slope, jnp.minimum(step, largest_step), state)
         arrived = arrived._replace(active=~there, reached=there)
-        return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
+        return select(verified & ~leapt, arrived, select(stuck | leapt, back, moved))
 
     def busy(state: _State) -> Bool[Array, ""]:
         return state.active & (state.count < MAX_EVALUATIONS)

@@ -19,9 +19,9 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .once import once
-from .queue import in_slots
+from .batching import lane_pool
 from .roots import implicit, select, solve_and_sign, solve_small
+from .xla import materialised
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
@@ -175,8 +175,8 @@ def _goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) ->
 
 
 def _converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
-    settled = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
-    return settled & jnp.isfinite(newton.last)
+    verified = (newton.last <= accuracy.move) | (_next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
+    return verified & jnp.isfinite(newton.last)
 
 
 def _arrived(
@@ -317,7 +317,7 @@ def follow(
 
     begin = _begin(u, first)
     begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
-    end = in_slots(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
+    end = lane_pool(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)
 
 
@@ -349,7 +349,7 @@ def _first_of(*cases: Case) -> tuple[Scalar, Search]:
     number = jnp.asarray(len(cases) - 1.0)
     for k in reversed(range(len(cases) - 1)):
         number = jnp.where(conditions[k], float(k), number)
-    number = once(number)
+    number = materialised(number)
 
     def chosen(*values):
         result = values[-1]
@@ -366,7 +366,7 @@ def _guess(search: Search) -> Vector:
     before, length, high = search.before, search.length, search.high
     through_far = (search.far - before.u - high * before.tangent) / jnp.where(high > 0, high, 1) ** 2
     bend = jnp.where((search.mode == STEPPING) | _directly(search), 0.5 * search.bend, through_far)
-    return once(before.u + jnp.where(search.polishing, 0.0, length) * (before.tangent + length * bend))
+    return materialised(before.u + jnp.where(search.polishing, 0.0, length) * (before.tangent + length * bend))
 
 
 def _to_goal(search: Search) -> Search:

@@ -16,7 +16,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Bool, Float, Int
 
-from .once import once
+from .xla import materialised
 
 MAX_BRACKET_STEPS = 100
 """Bisection alone halves a bracket to the last bit of a double in about 60 steps (more for a root at zero);
@@ -108,7 +108,7 @@ def newton_bracketed(
     # go round the loop: in a large batch it is they that take the time.
     def step(state):
         x, low, high, last, count = state
-        f, slope = map(once, jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),)))
+        f, slope = map(materialised, jax.jvp(lambda x: function(x, *constants), (x,), (jnp.ones_like(x),)))
         above = f > 0
         low, high = jnp.where(above, low, x), jnp.where(above, x, high)
         move = f / slope
@@ -117,12 +117,12 @@ def newton_bracketed(
         # Moves e, C e^2, C (C e^2)^2: what the last two tell of the next one, for next to a pole C is anything. The
         # first move and one that follows a bisection tell nothing, however short they are.
         newton = jnp.maximum(last, 0.0)
-        settled = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * newton**2)
-        settled |= size <= eps * jnp.abs(x)
+        verified = (size <= jnp.sqrt(eps) * jnp.abs(x)) & (size**3 <= eps * jnp.abs(x) * newton**2)
+        verified |= size <= eps * jnp.abs(x)
         new = jnp.where(good, x - move, 0.5 * (low + high))
         last = jnp.where(good, size, -jnp.abs(new - x))
-        new = jnp.where(settled, jnp.clip(x - move, low, high), new)
-        return new, low, high, jnp.where(settled, 0.0, last), count + 1
+        new = jnp.where(verified, jnp.clip(x - move, low, high), new)
+        return new, low, high, jnp.where(verified, 0.0, last), count + 1
 
     def busy(state):
         x, low, high, last, count = state

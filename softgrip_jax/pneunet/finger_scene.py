@@ -19,11 +19,11 @@ from jaxtyping import Array, Bool, Float
 
 from ..errors import CellRangeWarning, InputError
 from ..fields import choice, is_concrete, to_float_array
-from ..load_path import LATER, Span
+from ..load_path import LATER, LoadPath
+from ..numerics.batching import lane_pool
 from ..numerics.choice import larger, smallest
 from ..numerics.collocation import Points, gauss_points
-from ..numerics.once import once
-from ..numerics.queue import in_slots
+from ..numerics.xla import materialised
 from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
@@ -49,7 +49,7 @@ ROUGH = 0.05
 """Of the curvature's spectrum: tip forces are then right to about a thousandth (4 points, type A at two thirds of its
 limit: up to 0.04, and 8e-4), what is integrated being right to the square."""
 EARLY = 1e-3
-"""See Span.early: of fingers without loads, whose way begins with the pressure."""
+"""See LoadPath.early: of fingers without loads, whose way begins with the pressure."""
 SLOWLY = 4.0
 """See MomentSpan: of fingers with other loads. The less, the sharper the path turns where the chambers begin."""
 GROWTH_PER_SEGMENT = 6.0
@@ -108,7 +108,7 @@ class Moment(NamedTuple):
     """M_T over mu B H^2."""
 
 
-class MomentSpan(Span):
+class MomentPath(LoadPath):
     """The way of a finger whose chambers are all alike and keep parallel walls: its coordinate is their moment.
 
     The moment alone acts on the cover, so the chambers are solved for at the ends of the way and not on it. After other
@@ -288,7 +288,7 @@ class FingerScene(PathScene):
         cover, line = self.line(curvature, held, share, pressure)
         turned = -widths * (curvature @ points.weights)
         active = self._active(parts, turned, pressure)
-        gaps = once(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
+        gaps = materialised(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
         return Bent(cover, parts, line, active, gaps, turned)
 
     def _active(self, parts: Part, turned: Array, pressure: Scalar | Moment) -> Array:
@@ -435,7 +435,7 @@ class FingerScene(PathScene):
             y, size, count, good = state
 
             def equations(y):
-                return scene.measured(y, one, pressure)[0]
+                return scene.residual_and_observables(y, one, pressure)[0]
 
             move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
             norm = jnp.linalg.norm(move)
@@ -446,8 +446,8 @@ class FingerScene(PathScene):
             _, size, count, good = state
             return good & (size > ARRIVED) & (count < DIRECT_STEPS)
 
-        start = (self.rest(), jnp.full_like(pressure, jnp.inf), jnp.asarray(0), light)
-        y, size, _, good = in_slots(busy, iterate, start, (self, pressure, one))
+        start = (self.unloaded_state(), jnp.full_like(pressure, jnp.inf), jnp.asarray(0), light)
+        y, size, _, good = lane_pool(busy, iterate, start, (self, pressure, one))
         return y, good & (size <= ARRIVED)
 
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
@@ -476,13 +476,13 @@ class FingerScene(PathScene):
         loading = jnp.where(self.is_unloaded(), 0.0, jnp.maximum(loads / LOADING, 1.0))
         if self.is_cell():
             end = LARGEST_PRESSURE * finger.material.shear_modulus()
-            return Span(loading, 0 * loading, smallest(scale), end, LATER + 0 * loading)
+            return LoadPath(loading, 0 * loading, smallest(scale), end, LATER + 0 * loading)
         numbers = (loading, smallest(begin), smallest(scale), smallest(end))
         if self.is_driven_by_moment():
             wall = within(finger, jnp.zeros_like(finger.L))
             most = wall.observe(jnp.pi + jnp.zeros_like(finger.L), numbers[-1])["end_moment"]
-            return MomentSpan(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
-        return Span(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
+            return MomentPath(*numbers, jnp.where(self.is_unloaded(), 0.0, SLOWLY), finger, most)
+        return LoadPath(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
     def spent(self, unknowns, pressure):
         """The pressure over what the walls hold where they are most inclined."""
@@ -515,7 +515,7 @@ class FingerScene(PathScene):
         return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT
 
     def is_driven_by_moment(self) -> bool:
-        """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentSpan`."""
+        """True where the chambers do one thing to the whole beam, whatever its shape: see `MomentPath`."""
         alike = self.finger.segments is None and self.inclination == "none" and not self.is_arcs()
         alike = alike and self.drive == "thesis" and self.moment_spread == "root"
         # Loads that grow with the pressure ask for the pressure itself on the way.
@@ -535,9 +535,9 @@ class FingerScene(PathScene):
         scale = share * self.finger.L / self.finger.force_scale()
         return self.weight[0] * scale, self.weight[1] * scale
 
-    def settled(self, found):
+    def verified(self, found):
         """Not converged, too, where the curvatures vary by more between the points than the points can tell."""
-        found = super().settled(self._with_rounding(found))
+        found = super().verified(self._with_rounding(found))
         unsure = (found.status == Status.OK) & ~self.is_resolved(lax.stop_gradient(found.unknowns))
         return found._replace(
             status=jnp.where(unsure, Status.NOT_CONVERGED, found.status),

@@ -95,15 +95,15 @@ class Free(FingerScene):
         given = [jnp.all(v == 0) for v in (self.weight, self.tip_load) if v is not None]
         return jnp.all(jnp.stack(given)) if given else jnp.asarray(True)
 
-    def rest(self):
+    def unloaded_state(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
     def bent(self, unknowns, share, pressure):
         return self.bend(unknowns, None, share, pressure)
 
-    def measured(self, unknowns, share, pressure):
+    def residual_and_observables(self, unknowns, share, pressure):
         if self.is_arcs():
-            return self.measured_arcs(unknowns, pressure)
+            return self.arcs_residual_and_observables(unknowns, pressure)
         bent = self.bent(unknowns, share, pressure)
         inclination = opening(bent.parts.chamber.share * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
@@ -134,7 +134,7 @@ class Free(FingerScene):
         lengths = parts.high - parts.low
         return z / slenderness * lengths, stretch, lengths
 
-    def measured_arcs(self, unknowns: Array, pressure: Scalar) -> tuple[Array, dict[str, Array]]:
+    def arcs_residual_and_observables(self, unknowns: Array, pressure: Scalar) -> tuple[Array, dict[str, Array]]:
         """What the parts carry minus what their chambers apply, and the observables."""
         parts, _ = self.chambers()
         turned, stretch, lengths = self.turns(unknowns)

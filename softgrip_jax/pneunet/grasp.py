@@ -18,7 +18,7 @@ from ..numerics.roots import implicit
 from ..objects.friction import friction_force, required_normal_force
 from ..objects.grasped import Object, Taper
 from ..questions import solve
-from ..results import Status, gate
+from ..results import Status, stop_gradient_where_failed
 from ..scene import frozen
 from ..units import GRAVITY
 from .beam.method import POINTS, BeamMethod, beam_method
@@ -199,8 +199,8 @@ class Grasp(HeldTip):
             raise InputError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def measured(self, unknowns, share, pressure):
-        residual, observed = super().measured(unknowns, share, pressure)
+    def residual_and_observables(self, unknowns, share, pressure):
+        residual, observed = super().residual_and_observables(unknowns, share, pressure)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])
@@ -238,7 +238,7 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
 
     end = follow(along, jnp.append(empty.unknowns, 0.0), (fixed, p, unit))
     ok = (empty.status == Status.OK) & (end.reason == REACHED)
-    scene, pressure = gate(ok, (grasp, pressure))
+    scene, pressure = stop_gradient_where_failed(ok, (grasp, pressure))
 
     def equations(u, args):
         return jnp.append(*along(u, args))

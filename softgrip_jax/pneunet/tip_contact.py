@@ -39,7 +39,7 @@ class HeldTip(FingerScene):
         """True where nothing can pull at the tip: what would need that is NO_CONTACT."""
         return False
 
-    def rest(self):
+    def unloaded_state(self):
         return jnp.append(0.0, self.straight())
 
     def largest_force(self):
@@ -70,8 +70,8 @@ class HeldTip(FingerScene):
             own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
         return super().margins_at_rest() | own
 
-    def settled(self, found):
-        found = super().settled(found)
+    def verified(self, found):
+        found = super().verified(found)
         if not self.only_presses():
             return found
         held = lax.stop_gradient(found.unknowns[0])
@@ -86,7 +86,7 @@ class HeldTip(FingerScene):
         if not self.only_presses():
             return super().onset()
         # Where the force rises through zero; where the tip presses already, the pressure begins to act.
-        point, found = self._sought("tip_force", jnp.zeros_like(self.finger.L), super().settled)
+        point, found = self._sought("tip_force", jnp.zeros_like(self.finger.L), super().verified)
         pressed = found.reason == Reason.VALUE_PASSED
         never = jnp.where(found.status == Status.BEYOND_LIMIT, jnp.inf, jnp.nan)
         touched = jnp.where(found.status == Status.OK, point[-1], never)
@@ -109,7 +109,7 @@ class HeldTip(FingerScene):
     def bent(self, unknowns, share, pressure):
         return self.bend(unknowns[1:], unknowns[0], share, pressure)
 
-    def measured(self, unknowns, share, pressure):
+    def residual_and_observables(self, unknowns, share, pressure):
         bent = self.bent(unknowns, share, pressure)
         length = self.finger.L
         x, y = (end[-1] for end in bent.line.ends)

@@ -13,7 +13,7 @@ from ..curve_scene import DROP, CurveScene
 from ..errors import InputError
 from ..numerics.curves import slope_of
 from ..numerics.roots import solve_and_sign
-from ..path_scene import PathScene, measured_at
+from ..path_scene import PathScene, residual_at
 from ..reasons import Reason
 from ..results import Status
 from ..scene import Found, Solver
@@ -123,10 +123,10 @@ class Newton(Solver):
         return _possible(found, possible)
 
     def _on_path(self, scene: PathScene, pressure: Scalar, guess: Array | None) -> Found:
-        span, rest = scene.pressure_span(), scene.rest()
+        span, rest = scene.pressure_span(), scene.unloaded_state()
         unknowns, steps, converged = self._root(scene, pressure, rest if guess is None else guess)
         begin = jnp.append(rest, jnp.zeros_like(pressure))
-        unloaded = jax.jacfwd(lambda y: measured_at(scene, y, jnp.zeros_like(pressure), span.drive_at(begin)))(rest)
+        unloaded = jax.jacfwd(lambda y: residual_at(scene, y, jnp.zeros_like(pressure), span.drive_at(begin)))(rest)
         loaded = jax.jacfwd(lambda y: scene.residual(y, pressure))(unknowns)
         status, reason = _judged(converged, _sign(unloaded) == _sign(loaded))
         passed = scene.passed(scene.evaluated(unknowns, pressure)[1])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from ..parameters import Leaf, Leaves, Named, Scenes
+from ..parameters import Named, Parameter, Parameters, Scenes
 from ..progress import Tell, silent
 from ..quantities import Quantity
 from ..results import Status
@@ -41,7 +41,7 @@ def sensitivity(
         tolerances: in SI, one per entry of the leaves; None where the number is exact.
         report: told of every stage, and of how many samples are done.
     """
-    numbers = Leaves(scenes, [Leaf(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
+    numbers = Parameters(scenes, [Parameter(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
     reference = numbers.reference
     study = Study(scenes, leaves, quantities, Table(reference), gradients=True)
     report("compiling, then differentiating")

@@ -14,8 +14,8 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..errors import InputError
-from ..parameters import Leaf, Leaves, Named, Scenes
-from ..quantities import Asked, Quantity
+from ..parameters import Named, Parameter, Parameters, Scenes
+from ..quantities import Quantity, QuantitySet
 from ..scene import Scene
 from .dataset import labelled
 from .designs import Designs
@@ -47,10 +47,10 @@ class Study:
         gradients: bool = False,
     ):
         scenes = {"scene": scenes} if isinstance(scenes, Scene) else scenes
-        self.leaves = Leaves(scenes, [Leaf(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
+        self.leaves = Parameters(scenes, [Parameter(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
         if not quantities:
             raise InputError("There is no observable; say what to compute of every design.")
-        self.asked, self.designs, self.gradients = Asked(scenes, quantities), designs, gradients
+        self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
         self.chunk = min(CHUNK, -(-designs.count // BATCH) * BATCH)

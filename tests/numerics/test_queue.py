@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softgrip_jax.numerics.queue import in_slots
+from softgrip_jax.numerics.batching import lane_pool
 
 
 class Counted(NamedTuple):
@@ -25,7 +25,7 @@ def collatz(number, end):
         odd = state.odd ^ (following % 2 == 1)
         return Counted(jnp.where(state.number == end, state.number, following), state.steps + 1, odd)
 
-    return in_slots(lambda state: state.number != 1, iterate, start, end)
+    return lane_pool(lambda state: state.number != 1, iterate, start, end)
 
 
 def expected(number):
@@ -62,6 +62,6 @@ def test_every_lane_has_its_own_context():
 
     def added(steps, number):
         start = jnp.asarray(steps), jnp.asarray(0.0)
-        return in_slots(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
+        return lane_pool(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
 
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(steps, numbers), steps * numbers, rtol=1e-12)

@@ -7,8 +7,8 @@ import pytest
 from numpy.polynomial import legendre
 
 from softgrip_jax.numerics.collocation import gauss_points, integrals, remaining
-from softgrip_jax.numerics.once import cos_and_sin, differentiated_once, once
 from softgrip_jax.numerics.roots import ELIMINATED, solve_and_sign
+from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
 @pytest.mark.parametrize("n", [2, 3, 10, ELIMINATED, ELIMINATED + 5])
@@ -47,7 +47,7 @@ def test_what_is_computed_once_has_the_derivatives_that_it_should_have():
     assert np.max(np.abs(cosine - np.cos(angle))) < 3e-16
     assert np.max(np.abs(sine - np.sin(angle))) < 3e-16
     assert_same_derivatives(lambda x: jnp.stack(cos_and_sin(x)), lambda x: jnp.stack([jnp.cos(x), jnp.sin(x)]), 0.7)
-    assert_same_derivatives(lambda x: once(x**3), lambda x: x**3, 1.3)
+    assert_same_derivatives(lambda x: materialised(x**3), lambda x: x**3, 1.3)
 
     def both(a):
         return jnp.stack([a[0] * jnp.sin(a[1]), a[1] / a[0]])

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softgrip_jax.numerics.once import cos_and_sin, differentiated_once, once
+from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
 def program(function, *args):
@@ -28,14 +28,14 @@ def used_ten_times(x, guard):
 def test_the_guard_is_still_there_when_xla_is_done():
     """x / (1 + 0 x) is no identity for what is not finite, which is why XLA must keep it."""
     x = jnp.linspace(0.0, 1.0, 40)
-    guarded = program(lambda x: once(x + 1) * 2, x)
+    guarded = program(lambda x: materialised(x + 1) * 2, x)
     assert count(guarded, "divide") == 1
     assert count(program(lambda x: (x + 1) * 2, x), "divide") == 0
 
 
 def test_a_guarded_value_is_computed_in_one_place():
     x = jnp.linspace(0.0, 1.0, 40)
-    assert count(program(lambda x: used_ten_times(x, once), x), "cosine") == 1
+    assert count(program(lambda x: used_ten_times(x, materialised), x), "cosine") == 1
 
 
 def test_so_are_cosines_and_sines_and_their_derivatives():
@@ -55,9 +55,9 @@ def test_so_are_cosines_and_sines_and_their_derivatives():
 
 def test_the_guard_changes_no_bit_and_no_derivative():
     x = jnp.concatenate([jnp.linspace(-3, 3, 101) ** 3, jnp.array([0.0, 1e-300, 1e300])])
-    np.testing.assert_array_equal(jax.jit(once)(x), x)
-    assert np.isnan(once(jnp.asarray(jnp.nan)))
-    slope = jax.vmap(jax.grad(lambda x: once(once(x) ** 2)))(x[:101])
+    np.testing.assert_array_equal(jax.jit(materialised)(x), x)
+    assert np.isnan(materialised(jnp.asarray(jnp.nan)))
+    slope = jax.vmap(jax.grad(lambda x: materialised(materialised(x) ** 2)))(x[:101])
     np.testing.assert_array_equal(slope, 2 * x[:101])
 
 

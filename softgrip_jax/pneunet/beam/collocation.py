@@ -23,8 +23,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...numerics.collocation import Points, between, integrals, remaining
-from ...numerics.once import cos_and_sin, differentiated_once
 from ...numerics.shooting import adaptive
+from ...numerics.xla import cos_and_sin, differentiated_once
 from ..section.base import SectionLaw
 
 Scalar = Float[Array, ""]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool
 
 from ...materials.base import Material
 from ...numerics.roots import implicit, newton_bracketed, solve_small
-from ...results import gate
+from ...results import stop_gradient_where_failed
 from .base import Scalar, SectionLaw
 from .exact import LARGEST_STRETCH, ExactNeoHookean
 
@@ -59,7 +59,7 @@ class ExactQuadrature(SectionLaw):
 
         found = newton_bracketed(surplus, *law.stretches(*given)).x
         held = law.holds(given[0], found)
-        law, z, n = gate(held, (self, z, n))
+        law, z, n = stop_gradient_where_failed(held, (self, z, n))
         z, found = jnp.where(held, z, 0.0), jnp.where(held, found, 1.0)
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (law, z, n))
         return jnp.where(held, law.loads(z, stretch)[0], jnp.nan), jnp.where(held, stretch, jnp.nan)

@@ -13,11 +13,11 @@ from jaxtyping import Array, Bool
 from ...errors import InputError
 from ...fields import is_concrete, to_float_array
 from ...numerics.choice import larger
-from ...numerics.once import differentiated_once
 from ...numerics.roots import bracketed_root, implicit, newton_bracketed
+from ...numerics.xla import differentiated_once
 from ...questions import contact_pressure as scene_contact_pressure
 from ...questions import limit_pressure, solve
-from ...results import Solution, Status, gate
+from ...results import Solution, Status, stop_gradient_where_failed
 from ..finger import SEGMENT_FIELDS, PneuNet
 from .arc import LEAST_ANGLE, Chamber, Scalar, within
 from .small_strain import SmallStrainChamber
@@ -98,7 +98,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         found = fixed.find(target)
         angle, touching = found.unknowns, found.status == Status.OK
         inside = touching | (found.status == Status.NO_CONTACT)
-    scene, pressure = gate(touching, (scene, pressure))
+    scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))
     angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from ...curve_scene import CurveScene
 from ...fields import part
 from ...membrane import plate_coefficient
-from ...results import gate
+from ...results import stop_gradient_where_failed
 from ..finger import PneuNet
 from ..rules import margins_of_parts
 from .arc import Scalar, gap_share, one_chamber
@@ -78,6 +78,6 @@ def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
     """M_T of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
     scene = SmallStrainChamber(finger)
     touching = pressure > scene.load(scene.interval()[0])
-    scene, pressure = gate(touching, (scene, pressure))
+    scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))
     inflation = jnp.cbrt(jnp.where(touching, pressure, 1.0) / scene._stiffness())
     return jnp.where(touching, scene.observe(jnp.arctan(inflation), pressure)["end_moment"], 0.0)

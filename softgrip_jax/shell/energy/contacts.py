@@ -50,7 +50,7 @@ class EnergyFlat(ObstacleContact):
             for name in self.OBSERVABLES
         }
 
-    def _half_axes(self, y, pressed, pressure):
+    def _half_axes(self, y, contact_pressures, pressure):
         """Along each axis: integral of contact pressure over pressure, which is one where the membrane lies flat."""
         nodes, weights = np.polynomial.legendre.leggauss(LINE_POINTS)
         shell, halves = self.shell, []
@@ -60,7 +60,7 @@ class EnergyFlat(ObstacleContact):
             points[:, axis] = (nodes + 1) / 2
             values = at_points(self.grid, points)
             at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(y, values), points, aspect)
-            pressing = contact_average(self.grid, points) @ pressed
+            pressing = contact_average(self.grid, points) @ contact_pressures
             true = pressing / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
             stretch = jnp.linalg.norm(at.along_y if axis else at.along_x, axis=1)
             side = shell.b if axis else shell.a
@@ -76,12 +76,12 @@ class EnergyInclined(ObstacleContact):
 
     OBSERVABLES: ClassVar = ObstacleContact.OBSERVABLES | {"contact_width": "length", "contact_length": "length"}
 
-    def measured(self, y, pressed, pressure):
+    def measured(self, y, contact_pressures, pressure):
         assert isinstance(self.obstacle, Plane)
-        resting = self.resting(y, pressed)
+        resting = self.resting(y, contact_pressures)
         width = half_axis(resting, resting.places[:, 0] / jnp.cos(self.obstacle.tilt_y), False)
         sides = {"contact_width": 2 * width, "contact_length": 2 * half_axis(resting, resting.places[:, 1], True)}
-        return super().measured(y, pressed, pressure) | sides
+        return super().measured(y, contact_pressures, pressure) | sides
 
 
 class EnergyCylinder(ObstacleContact):
@@ -98,13 +98,13 @@ class EnergyCylinder(ObstacleContact):
         "contact_half_length": "length",
     }
 
-    def measured(self, y, pressed, pressure):
+    def measured(self, y, contact_pressures, pressure):
         rod = self.obstacle
         assert isinstance(rod, Cylinder)
-        resting = self.resting(y, pressed)
+        resting = self.resting(y, contact_pressures)
         x, y_, z = resting.places.T
         turned = jnp.arctan2(y_ - rod.offset_y, rod.gap + rod.radius - z)
         angle = half_axis(resting, turned, self.symmetry == "both")
         width, length = half_axis(resting, x, True), rod.radius * angle
         sides = {"contact_angle": angle, "contact_half_width": width, "contact_half_length": length}
-        return super().measured(y, pressed, pressure) | sides | {"contact_area": jnp.pi * width * length}
+        return super().measured(y, contact_pressures, pressure) | sides | {"contact_area": jnp.pi * width * length}

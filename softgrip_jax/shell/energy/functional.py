@@ -49,13 +49,13 @@ class Expanded(NamedTuple):
     """d volume / dy: minus the change of the gradient with p a / (mu t_m)."""
 
 
-class Touch(NamedTuple):
+class ContactTerms(NamedTuple):
     """The contact at the contact points."""
 
     gaps: Float[Array, " k"]
     slopes: Float[Array, "k n"]
     """dg/dy."""
-    pressed: Float[Array, " k"]
+    contact_pressures: Float[Array, " k"]
     """max(0, lambda - rho g)."""
     curvature: Float[Array, "n n"]
     """Sum of weight * pressed * d2g/dy2."""
@@ -161,21 +161,21 @@ class Functional:
         e = self.deformed(y, self.touching.values)
         return jax.vmap(gap, in_axes=(0, 0, None))(e, self.touching.points, scene)
 
-    def touch(self, y: Vector, multipliers: Float[Array, " k"], scene: Any, rho: Scalar) -> Touch:
+    def contact_terms(self, y: Vector, multipliers: Float[Array, " k"], scene: Any, rho: Scalar) -> ContactTerms:
         """The contact, expanded."""
         values = self.touching.values
         e = self.deformed(y, values)
         gaps, by_e, curved = jax.vmap(_expansion(gap), in_axes=(0, 0, None))(e, self.touching.points, scene)
-        pressed = jnp.maximum(0, multipliers - rho * gaps)
+        contact_pressures = jnp.maximum(0, multipliers - rho * gaps)
         slopes = jnp.concatenate(
             [sum(by_e[:, c, r, None] * b[r] for r in range(3)) for c, b in enumerate(values)], axis=1
         )  # type: ignore[arg-type]
-        weights = self.contact_weights(scene) * pressed
+        weights = self.contact_weights(scene) * contact_pressures
         entries = {
             (i, r, j, s): weights * curved[:, i, r, j, s] for i in range(3) for j in range(i, 3) for r in range(3)
             for s in range(3)
         }  # fmt: skip
-        return Touch(gaps, slopes, pressed, self._assembled(entries, values))
+        return ContactTerms(gaps, slopes, contact_pressures, self._assembled(entries, values))
 
     # --- equilibrium --------------------------------------------------------------------------------------------------
 
@@ -204,13 +204,13 @@ class Functional:
         if not self.contacts(scene):
             return hessian
         # With rho = 0 what presses is lambda itself.
-        touch = self.touch(y, multipliers, scene, jnp.zeros_like(load))
-        closed = multipliers - rho(load) * touch.gaps > 0
-        pushes = (self.contact_weights(scene)[:, None] * touch.slopes).T
-        below = jnp.where(closed[:, None], touch.slopes, 0.0)
+        terms = self.contact_terms(y, multipliers, scene, jnp.zeros_like(load))
+        closed = multipliers - rho(load) * terms.gaps > 0
+        pushes = (self.contact_weights(scene)[:, None] * terms.slopes).T
+        below = jnp.where(closed[:, None], terms.slopes, 0.0)
         open_ = jnp.diag(jnp.where(closed, 0.0, 1.0))
         # Curvature counts pressed points alone; a lambda that is not zero where there is no contact is no solution.
-        return jnp.block([[hessian - touch.curvature, -pushes], [below, open_]])
+        return jnp.block([[hessian - terms.curvature, -pushes], [below, open_]])
 
 
 def rho(load: Scalar) -> Scalar:

@@ -12,7 +12,7 @@ from jaxtyping import Array
 
 from ...numerics.control import hold, top
 from ...numerics.paths import fold_load
-from ...results import Solution, Status, gate
+from ...results import Solution, Status, stop_gradient_where_failed
 from ...scene import Found, frozen
 from ..flat_shell import Scalar
 from .basis import Vector
@@ -37,7 +37,7 @@ def _linear(scene: Any):
 
 
 def find_limit(scene: Any) -> Found:
-    """The limit point; `iterations` is 1 there, 0 where the branch ends without one."""
+    """The limit point; `end` is 1 there, 0 where the branch ends without one."""
     return _limit(scene)
 
 
@@ -58,13 +58,13 @@ def _limit(scene: Any) -> Found:
     pressure = jnp.where(at_fold, peak.load, scaled) * scene.unit()
     pressure = jnp.where(climb.reached, jnp.inf, pressure)
     status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
-    return Found(jnp.where(at_fold, peak.y, kept), pressure, status, at_fold.astype(int))
+    return Found(jnp.where(at_fold, peak.y, kept), pressure, status, jnp.asarray(0), end=at_fold.astype(int))
 
 
 def limit_pressure_from(scene: Any, found: Found) -> Scalar:
     """The limit pressure with its derivatives."""
-    at_fold = (found.status == Status.OK) & (found.iterations == 1)
-    gated = gate(at_fold, scene)
+    at_fold = (found.status == Status.OK) & (found.end == 1)
+    gated = stop_gradient_where_failed(at_fold, scene)
     scaled = jnp.where(at_fold, found.pressure / frozen(scene).unit(), 1.0)
 
     def equations(point, scene):
@@ -86,7 +86,7 @@ def branch(scene: Any, n: int) -> Solution:
     low = zero + FIRST_LOAD
     begun = fixed.follow(fixed.rest(), zero, fixed.first_guess(low), low)
     first = jnp.concatenate([begun.y, begun.multipliers])
-    reach = jnp.where(limit.iterations == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
+    reach = jnp.where(limit.end == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
     length = (reach - jnp.linalg.norm(first)) / (n - 1)
 
     def next_point(state, first):
@@ -108,7 +108,7 @@ def branch(scene: Any, n: int) -> Solution:
         if fixed.body is not None:
             touched = jnp.any(fixed.split(unknowns)[1] > 0)
             status = jnp.where(alive & ~touched, Status.NO_CONTACT, status)
-        found = fixed.settled(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
+        found = fixed.verified(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
         return fixed._report(unknowns, load * fixed.unit(), found)
 
     return jax.vmap(report)(points, loads, alive)

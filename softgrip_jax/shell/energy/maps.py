@@ -93,7 +93,7 @@ def surface(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     pressure of the contact per deformed area."""
     line = np.linspace(-1, 1, n)
     points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    shell, (y, pressed) = scene.shell, scene.split(unknowns)
+    shell, (y, contact_pressures) = scene.shell, scene.split(unknowns)
     e = scene.functional.deformed(y, at_points(scene.grid, points))
     at, trace, determinant = _strains(scene, e, points)
     larger = _larger(trace, determinant)
@@ -104,7 +104,7 @@ def surface(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
         "smaller_stretch": jnp.sqrt(determinant) / larger,
     }
     if scene.body is not None:
-        true = contact_average(scene.grid, points) @ pressed / jnp.sqrt(determinant)
+        true = contact_average(scene.grid, points) @ contact_pressures / jnp.sqrt(determinant)
         maps["contact_pressure"] = scene.unit() * true
     maps = {name: jnp.reshape(value, (n, n)) for name, value in maps.items()}
     return maps | {"place": jnp.reshape(shell.a * at.place, (n, n, 3))}

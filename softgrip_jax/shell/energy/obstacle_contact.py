@@ -49,7 +49,7 @@ class EnergyFree(EnergyScene):
     def without_body(self):
         return self
 
-    def measured(self, y, pressed, pressure):
+    def measured(self, y, contact_pressures, pressure):
         return shape_observables(self, y)
 
 
@@ -167,7 +167,7 @@ class ObstacleContact(EnergyScene):
     def without_body(self):
         return EnergyFree(self.shell, self.grid.symmetry, self.bending, self.across, self.lengthwise)
 
-    def resting(self, y: Vector, pressed: Float[Array, " k"]) -> Resting:
+    def resting(self, y: Vector, contact_pressures: Float[Array, " k"]) -> Resting:
         """Where the membrane rests on the object, and how much."""
         shell, table = self.shell, self.functional.touching
         aspect, thickness = shell.a / shell.b, shell.t_m / shell.a
@@ -176,12 +176,12 @@ class ObstacleContact(EnergyScene):
             return shell.a * local(e, point, aspect).face(thickness)
 
         places = jax.vmap(face)(self.functional.deformed(y, table.values), table.points)
-        pushes = pressed * self.functional.contact_weights(self) * self.unit() * shell.a**2
+        pushes = contact_pressures * self.functional.contact_weights(self) * self.unit() * shell.a**2
         total = jnp.sum(pushes)
         return Resting(places, pushes, pushes / jnp.where(total > 0, total, 1.0))
 
-    def measured(self, y, pressed, pressure):
-        resting = self.resting(y, pressed)
+    def measured(self, y, contact_pressures, pressure):
+        resting = self.resting(y, contact_pressures)
         places, pushes = resting.places, resting.pushes
         forces = pushes[:, None] * -jax.vmap(jax.grad(self.body.distance))(places)
         # The grid of a symmetric scene covers one side: what the other side takes away again is left out.

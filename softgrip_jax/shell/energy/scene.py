@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from ...fields import part
 from ...numerics.minimise import Expansion, Minimum, minimise
 from ...numerics.roots import implicit
-from ...results import Status, gate
+from ...results import Status, stop_gradient_where_failed
 from ...scene import Found, Scene, frozen
 from ..flat_shell import FlatShell, Scalar
 from ..obstacles import Obstacle
@@ -138,10 +138,10 @@ class EnergyScene(Scene):
     def residual(self, unknowns, pressure):
         return self.functional.equations(unknowns, self, pressure / self.unit())
 
-    def rooted(self, unknowns, pressure):
+    def with_implicit_derivative(self, unknowns, pressure):
         # The flat membrane has no stiffness, and is given no derivatives: they would be infinite.
         flat = pressure <= 0
-        scene, pressure = gate(~flat, (self, pressure))
+        scene, pressure = stop_gradient_where_failed(~flat, (self, pressure))
         bulged = frozen(self).first_guess(jnp.ones_like(pressure))
         found = implicit(
             lambda unknowns, args: args[0].residual(unknowns, args[1]),
@@ -154,8 +154,8 @@ class EnergyScene(Scene):
         return self.measured(*self.split(unknowns), pressure)
 
     @abc.abstractmethod
-    def measured(self, y: Vector, pressed: Float[Array, " k"], pressure: Scalar) -> dict[str, Array]:
-        """What is observed; `pressed`: contact pressures."""
+    def measured(self, y: Vector, contact_pressures: Float[Array, " k"], pressure: Scalar) -> dict[str, Array]:
+        """What is observed; `contact_pressures`: contact pressures."""
 
     # --- questions ----------------------------------------------------------------------------------------------------
 
@@ -210,12 +210,21 @@ def _follow(
             none = multipliers
             return Expansion(x.value, x.gradient, x.hessian, by_load, none, jnp.zeros((0, work.size)), none, none)
         stiffness = rho(scaled)
-        touch = work.touch(y, multipliers, scene, stiffness)
-        pushes = unit_weights * touch.pressed
-        value = x.value + (unit_weights @ (touch.pressed**2 - multipliers**2)) / (2 * stiffness)
-        closed = jnp.where(touch.pressed > 0, stiffness * unit_weights, 0.0)
-        hessian = x.hessian - touch.curvature + touch.slopes.T @ (closed[:, None] * touch.slopes)
-        gradient = x.gradient - pushes @ touch.slopes
-        return Expansion(value, gradient, hessian, by_load, touch.gaps, touch.slopes, touch.pressed, unit_weights)
+        terms = work.contact_terms(y, multipliers, scene, stiffness)
+        pushes = unit_weights * terms.contact_pressures
+        value = x.value + (unit_weights @ (terms.contact_pressures**2 - multipliers**2)) / (2 * stiffness)
+        closed = jnp.where(terms.contact_pressures > 0, stiffness * unit_weights, 0.0)
+        hessian = x.hessian - terms.curvature + terms.slopes.T @ (closed[:, None] * terms.slopes)
+        gradient = x.gradient - pushes @ terms.slopes
+        return Expansion(
+            value,
+            gradient,
+            hessian,
+            by_load,
+            terms.gaps,
+            terms.slopes,
+            terms.contact_pressures,
+            unit_weights,
+        )
 
     return minimise(expansion, scene.split(start), start_load, scene.split(guess), load, largest)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from ...numerics.roots import implicit
-from ...results import Solution, Status, gate
+from ...results import Solution, Status, stop_gradient_where_failed
 from ...scene import Found, frozen
 from ..flat_shell import Scalar
 from .basis import Vector
@@ -35,11 +35,11 @@ def onset(scene: Any) -> Scalar:
 
     found, _, _ = seek(frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
     ok = found.status == Status.OK
-    scene, free = gate(ok, (scene, free))
+    scene, free = stop_gradient_where_failed(ok, (scene, free))
 
     def equation(scaled, args):
         scene, free, unknowns = args
-        return nearest(scene, free.rooted(unknowns, scaled * scene.unit()))
+        return nearest(scene, free.with_implicit_derivative(unknowns, scaled * scene.unit()))
 
     scaled = implicit(equation, found.pressure / fixed.unit(), (scene, free, found.unknowns))
     return jnp.where(ok, scaled * scene.unit(), jnp.nan)
@@ -105,16 +105,16 @@ def solve_for(scene: Any, name: str, target: Scalar) -> Solution:
     status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
     possible = fixed.can_exist() & jnp.isfinite(value)
     status = jnp.where(possible, status, Status.IMPOSSIBLE)
-    found = fixed.settled(found._replace(status=status, mismatch=jnp.where(status == Status.OK, left, 0.0)))
+    found = fixed.verified(found._replace(status=status, mismatch=jnp.where(status == Status.OK, left, 0.0)))
     ok = found.status == Status.OK
-    scene, target = gate(ok, (scene, target))
+    scene, target = stop_gradient_where_failed(ok, (scene, target))
 
     def equation(scaled, args):
         scene, target, unknowns = args
         pressure = scaled * scene.unit()
-        return surplus(scene, target, scene.rooted(unknowns, pressure), pressure)
+        return surplus(scene, target, scene.with_implicit_derivative(unknowns, pressure), pressure)
 
     scaled = implicit(equation, found.pressure / fixed.unit(), (scene, target, found.unknowns))
     pressure = jnp.where(ok, scaled * scene.unit(), jnp.nan)
     safe = jnp.where(ok, pressure, fixed.unit())
-    return scene._report(scene.rooted(found.unknowns, safe), pressure, found)
+    return scene._report(scene.with_implicit_derivative(found.unknowns, safe), pressure, found)

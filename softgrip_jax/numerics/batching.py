@@ -22,7 +22,7 @@ MANY_SLOTS = 16384
 """... and on other devices."""
 
 
-def in_slots(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], start: Any, context: Any) -> Any:
+def lane_pool(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], start: Any, context: Any) -> Any:
     """lax.while_loop(busy, lambda state: iterate(state, context), start), for batches of any size.
 
     Neither function may hold traced values: those come through `start` and `context`. No derivatives pass through.
@@ -37,17 +37,17 @@ def in_slots(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], sta
     @run.def_vmap
     def batched(size, is_batched, start, context):
         axes = jax.tree.map(lambda b: 0 if b else None, is_batched)
-        slots = SLOTS.get(jax.default_backend(), MANY_SLOTS)
-        if size <= slots:
+        width = SLOTS.get(jax.default_backend(), MANY_SLOTS)
+        if size <= width:
             found = jax.vmap(loop, axes, axis_size=size)(start, context)
         else:
-            found = _through_slots(busy, iterate, start, context, is_batched, size, slots)
+            found = _through_pool(busy, iterate, start, context, is_batched, size, width)
         return found, jax.tree.map(lambda _: True, found)
 
     return run(start, context)
 
 
-def _through_slots(busy, iterate, start, context, is_batched, size: int, slots: int):
+def _through_pool(busy, iterate, start, context, is_batched, size: int, width: int):
     start = jax.tree.map(lambda v, b: v if b else jnp.broadcast_to(v, (size, *jnp.shape(v))), start, is_batched[0])
     one, packed = jax.tree.map(lambda v: v[0], start), jax.vmap(lambda state: ravel_pytree(state)[0])(start)
     unpack = ravel_pytree(one)[1]
@@ -72,7 +72,7 @@ def _through_slots(busy, iterate, start, context, is_batched, size: int, slots: 
         # places of their own would be a loop over the slots.
         rows = jnp.concatenate([new, lanes[:, None].astype(new.dtype)], axis=1)
         so_far = jnp.cumsum(ended)
-        first = jnp.searchsorted(so_far, jnp.arange(1, slots + 1), method="compare_all" if slots < 1000 else "scan")
+        first = jnp.searchsorted(so_far, jnp.arange(1, width + 1), method="compare_all" if width < 1000 else "scan")
         found = lax.dynamic_update_slice(found, rows[first], (done, 0))
         taken = following + so_far - 1
         lanes = jnp.where(ended, taken, lanes)
@@ -80,7 +80,7 @@ def _through_slots(busy, iterate, start, context, is_batched, size: int, slots: 
         count = so_far[-1]
         return lanes, new, following + count, done + count, found
 
-    lanes, none = jnp.arange(slots), jnp.asarray(0)
-    found = jnp.zeros((size + slots, packed.shape[1] + 1), packed.dtype)
-    *_, found = lax.while_loop(lambda state: state[3] < size, step, (lanes, packed[:slots], none + slots, none, found))
+    lanes, none = jnp.arange(width), jnp.asarray(0)
+    found = jnp.zeros((size + width, packed.shape[1] + 1), packed.dtype)
+    *_, found = lax.while_loop(lambda state: state[3] < size, step, (lanes, packed[:width], none + width, none, found))
     return jax.vmap(unpack)(found[jnp.argsort(found[:size, -1]), :-1])

@@ -16,21 +16,21 @@ from jaxtyping import Array, ArrayLike
 
 
 @jax.custom_jvp
-def once(x: Array) -> Array:
+def materialised(x: Array) -> Array:
     """x, computed once for all that uses it; its derivatives, too."""
     return x / (1 + 0 * x)
 
 
-@once.defjvp
+@materialised.defjvp
 def _once_along(primals, tangents):
     (x,), (along,) = primals, tangents
-    return once(x), along / (1 + 0 * x)
+    return materialised(x), along / (1 + 0 * x)
 
 
 @jax.custom_jvp
 def cos_and_sin(angle: ArrayLike) -> tuple[Array, Array]:
     """(cos, sin), computed once for all that uses them and for their derivatives."""
-    return once(jnp.cos(angle)), once(jnp.sin(angle))
+    return materialised(jnp.cos(angle)), materialised(jnp.sin(angle))
 
 
 @cos_and_sin.defjvp
@@ -65,7 +65,7 @@ def differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
             return result, result
 
         columns, result = jax.jacfwd(of, has_aux=True)([leaves[k] for k in moving])
-        columns = jax.tree.map(once, columns)
+        columns = jax.tree.map(materialised, columns)
         tangent = jax.tree.map(
             lambda value, *slopes: sum(
                 # Numbers are multiplied as such: as products of matrices they would take many times as long.
