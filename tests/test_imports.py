@@ -1,136 +1,112 @@
-"""The rooms of the house import downwards, in this order, and never back."""
+"""Rooms import what docs/architecture.md allows and nothing else; no files need each other; optim stands above."""
 
 import ast
+import re
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import pytest
 from conftest import ROOT
 
-ORDER = [
-    "_version",
-    "names",
-    "units",
-    "errors",
-    "plugins",
-    "cache",
-    "folders",
-    "progress",
-    "tables",
-    "numerics",
-    "reasons",
-    "display",
-    "plausible",
-    "fields",
-    "materials",
-    "membrane",
-    "batches",
-    "results",
-    "scene",
-    "curve_scene",
-    "load_path",
-    "path_scene",
-    "questions",
-    "solvers",
-    "parameters",
-    "quantities",
-    "objects",
-    "shell",
-    "pneunet",
-    "fidelity",
-    "study",
-    "plots",
-    "thesis",
-    "config",
-    "commands",
-    "cli",
-    "__main__",
-]
-"""Rooms of softgrip_jax from the ground up. numerics knows no gripper, so the physics may stand on it; objects hold the
-friction that shells and fingers need. `__init__` only hands out what is in the rooms."""
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+ROW = re.compile(r"^\| `([\w.]+)` \| [^|]+ \| ?([^|]*?) ?\|$", re.MULTILINE)
+ALLOWED = {room: set(allowed.split(", ")) - {""} for room, allowed in ROW.findall(PAGE)}
+"""Room -> rooms that it may import; those of optim with `optim.` before them."""
 
 
-def imports(path: Path, package: str) -> list[tuple[str, bool]]:
-    """Every module that a file imports, by its full name, and whether only for the type checker."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    typing_only = {
-        node
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and ast.unparse(block.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
-        for statement in block.body
-        for node in ast.walk(statement)
-    }
-    found = []
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            found += [(alias.name, node in typing_only) for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
-            module = ".".join([*base, *([node.module] if node.module else [])])
-            found += [(f"{module}.{alias.name}", node in typing_only) for alias in node.names]
+def modules(root: Path) -> dict[str, Path]:
+    """Every file of both packages by its full name; a package by that of its folder."""
+    found = {}
+    for package in ("softgrip_jax", "optim"):
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return found
 
 
-def files(package: str) -> list[Path]:
-    return sorted((ROOT / package).rglob("*.py"))
+def imports(name: str, path: Path, known: dict[str, Path]) -> set[str]:
+    """Every module that a file imports, for the type checker too, by its full name."""
+    found = set()
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            module = ".".join([*base, *([node.module] if node.module else [])])
+            full = {f"{module}.{alias.name}" for alias in node.names}
+            found |= {one if one in known else module for one in full}
+    return found
 
 
-def faults(path: Path, package: str) -> list[str]:
-    """Sentences about every import of a file of softgrip_jax that climbs."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    room = parts[1]
-    if room not in ORDER:
-        return [f"{room} is not in the list of rooms"]
-    said = []
-    for name, typing_only in imports(path, package):
-        head, *rest = name.split(".")
-        if head == "optim":
+def room_of(name: str) -> str | None:
+    """The room of a module; None for the packages themselves and for what is not ours."""
+    package, *rest = name.split(".")
+    if not rest or package not in ("softgrip_jax", "optim"):
+        return None
+    return rest[0] if package == "softgrip_jax" else f"optim.{rest[0]}"
+
+
+def faults(name: str, path: Path, known: dict[str, Path]) -> list[str]:
+    """Sentences about the imports of a file that the page does not allow."""
+    room, said = room_of(name), []
+    if room is not None and room not in ALLOWED:
+        return [f"{room} is not on the page"]
+    for other in sorted(imports(name, path, known)):
+        target = room_of(other)
+        if other.split(".")[0] == "optim" and name.startswith("softgrip_jax"):
             said.append(f"{room} imports optim")
-        if head == "matplotlib" and room != "plots":
+        elif target is not None and room is not None and target not in {room} | ALLOWED[room]:
+            said.append(f"{room} imports {target}")
+        if other.split(".")[0] == "matplotlib" and room != "plots":
             said.append(f"{room} imports matplotlib")
-        if head == "softgrip_jax" and rest and not typing_only:
-            other = rest[0]
-            if other in ORDER and ORDER.index(other) > ORDER.index(room):
-                said.append(f"{room} imports {other}, which stands above it")
-            elif other not in ORDER and not other.startswith("__"):
-                said.append(f"{room} imports {other}, which is not in the list of rooms")
     return said
 
 
-ROOM_FILES = [
-    path for path in files("softgrip_jax") if path.name != "__init__.py" or path.parent.name != "softgrip_jax"
-]
+KNOWN = modules(ROOT)
 
 
-@pytest.mark.parametrize("path", ROOM_FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_rooms_import_downwards(path):
-    assert faults(path, ".".join(path.relative_to(ROOT).parent.parts)) == []
+@pytest.mark.parametrize("name", KNOWN)
+def test_rooms_import_what_the_page_allows(name):
+    assert faults(name, KNOWN[name], KNOWN) == []
 
 
-OPTIM_FILES = [path for path in files("optim") if path.name != "cli.py"]
+def test_no_files_need_each_other():
+    graph = {name: imports(name, path, KNOWN) & set(KNOWN) - {name} for name, path in KNOWN.items()}
+    TopologicalSorter(graph).prepare()
 
 
-@pytest.mark.parametrize("path", OPTIM_FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_optim_leaves_the_command_line_and_matplotlib_alone(path):
-    names = [name for name, _ in imports(path, ".".join(path.relative_to(ROOT).parent.parts))]
-    assert not [name for name in names if name.startswith(("softgrip_jax.cli", "matplotlib"))]
+def test_the_page_names_every_room_and_no_other():
+    assert {room_of(name) for name in KNOWN} - {None} == set(ALLOWED)
+
+
+@pytest.mark.parametrize(("heading", "most"), [("From `sg.solve(", 10), ("From `softgrip design", 18)])
+def test_the_walks_are_short_and_their_files_exist(heading, most):
+    section = PAGE.split(f"## {heading}")[1].split("\n## ")[0]
+    files = re.findall(r"^\| `([\w/]+\.py)` \|", section, re.MULTILINE)
+    assert 5 <= len(files) <= most
+    assert all((ROOT / file).is_file() for file in files)
 
 
 @pytest.mark.parametrize(
-    ("room", "source", "fault"),
+    ("name", "source", "fault"),
     [
-        ("units", "from . import scene", "units imports scene, which stands above it"),
-        ("scene", "from .shell.arc.grasp import Grasp", "scene imports shell, which stands above it"),
-        ("scene", "import softgrip_jax.cli", "scene imports cli, which stands above it"),
-        ("shell", "from ..config import load", "shell imports config, which stands above it"),
-        ("config", "def f():\n    from optim.design.run import run_design", "config imports optim"),
-        ("results", "import matplotlib.pyplot as plt", "results imports matplotlib"),
-        ("attic", "import os", "attic is not in the list of rooms"),
+        ("softgrip_jax.units", "from . import scene", "units imports scene"),
+        ("softgrip_jax.scene", "from .shell.arc.grasp import Grasp", "scene imports shell"),
+        ("softgrip_jax.scene", "import softgrip_jax.cli", "scene imports cli"),
+        ("softgrip_jax.config", "def f():\n    from optim.design.run import run_design", "config imports optim"),
+        ("softgrip_jax.results", "import matplotlib.pyplot as plt", "results imports matplotlib"),
+        ("softgrip_jax.results", "if TYPE_CHECKING:\n    from .scene import Scene", "results imports scene"),
+        ("softgrip_jax.attic", "import os", "attic is not on the page"),
+        ("optim.space", "from .design.run import run_design", "optim.space imports optim.design"),
     ],
 )
-def test_a_climbing_import_is_seen(room, source, fault, tmp_path, monkeypatch):
-    monkeypatch.setattr("test_imports.ROOT", tmp_path)
-    inside = room in ("shell",)
-    path = tmp_path / "softgrip_jax" / room / "part.py" if inside else tmp_path / "softgrip_jax" / f"{room}.py"
-    path.parent.mkdir(parents=True)
+def test_an_import_that_is_not_allowed_is_seen(name, source, fault, tmp_path):
+    path = tmp_path / "part.py"
     path.write_text(source)
-    assert faults(path, ".".join(path.relative_to(tmp_path).parent.parts)) == [fault]
+    assert faults(name, path, KNOWN) == [fault]
+
+
+def test_a_circle_is_seen():
+    with pytest.raises(CycleError):
+        TopologicalSorter({"a": {"b"}, "b": {"a"}}).prepare()
