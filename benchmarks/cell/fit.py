@@ -1,11 +1,16 @@
-"""Fits the coefficients of the cell law to the states that `generate.py` made, and to finite elements of type A.
+"""Fits the numbers of the cell law to the states that `generate.py` made, and to finite elements.
 
-    python benchmarks/cell/fit.py OUT.npz benchmarks/cell/states/*.npz --finite-elements AE --keep-back 5
+    python benchmarks/cell/fit.py OUT.npz benchmarks/cell/states/*.npz --folds 6
 
-The form of the law is in softgrip_jax/pneunet/cell/form.py. It is linear in its coefficients, so one regularised least
-squares problem for each function finds them. Values and derivatives of the moment, the stretch and the contact force
-are fitted together: a derivative counts by what it would change over half of the range of a dimension. --keep-back n
-leaves out every geometry whose number modulo 6 is n, and reports the errors there.
+The form of the law is in softgrip_jax/pneunet/cell/form.py. The moment (with p_c) and the contact force are found by
+Gauss-Newton steps with damping, on values and on the derivatives by pressure, angle and all dimensions; stretch, lever
+and compliance are linear in their numbers. Polynomials of the geometry are held near constants (`prior`).
+
+States come from three sources: finite elements, the solid with a fine mesh and with a coarse one. Each mesh of the
+solid has an error of its own in A and p_c, a polynomial of first degree, which is fitted along and left out of the law:
+the law is the one of finite elements, the solid tells how it goes with the dimensions.
+
+--folds n: leaves out every n-th geometry in turn and reports the errors there, before the fit of all.
 """
 
 from __future__ import annotations
@@ -21,229 +26,286 @@ import numpy as np
 from softgrip_jax.pneunet.cell import form
 
 B = 20.0
-SPREAD = np.array([0.02, 0.05, 0.6, 0.5, 0.15, 0.1, 0.25, 0.6])
-"""Of p / mu, phi and the dimensions a, b, t_m, h_x, h_L, H in mm: what a derivative is multiplied with."""
-SLOPES = 0.5
-"""Weight of the derivatives beside the values."""
-RIDGE = 1.5e-2
-"""Of the regularisation; more for higher powers of the dimensions: see `penalties`."""
-LEAST_SLOPE, ROUNDS = 0.5, 4
-DOUBTFUL = 0.15
+HERE = Path(__file__).parent
+SOURCES = ("finite elements", "fine", "coarse")
+WEIGHTS = (1.0, 1.0, 0.2)
+"""Of a state of each source; finite elements count for less where a grid of them is one geometry's."""
+SPREAD = np.array([0.02, 0.05, 0.6 / B, 0.5 / B, 0.15 / B, 0.1 / B, 0.25 / B, 0.6 / B])
+"""Of p / mu, phi and the six lengths over B: what a derivative is multiplied with."""
+SLOPES = (0.0, 0.2, 0.0)
+"""Weight of the derivatives beside the values, of each source."""
+DOUBTFUL = 0.06
 """Derivatives that are off by more than so much of the tolerance count less: contact that comes or goes spoils some."""
-FINER = 1.02
-"""What finite elements give (types A and E, 10 to 31 kPa) over
-what the solid gives, whose polynomials are few: of the moment beside the cover's, and of the force."""
-NOTHING = 0.1
-"""Where nothing touches, the force before rounding off is to be at least so far below zero."""
-KINDS = ("A", "E")
-SIZES_OF_KINDS = ((5.0, 8.0, 1.1, 0.9, 4.2, 5.0, 20.0, 2.0), (6.5, 7.0, 1.1, 0.9, 4.2, 5.0, 20.0, 2.0))
+ERROR = 0.01
+"""What is expected of a state, over the tolerance: weighs the states against the priors."""
+START = {"p_c": -4.0, "m": 1.3, "n": 0.95, "A": -1.0, "c": 0.93}
+FIRST, SECOND = {"p_c": 1.0, "A": 0.5}, {"p_c": 0.15, "A": 0.1, "c": 0.05}
+"""Standard deviations of coefficients of first and second degree, of the numbers that have larger ones than the rest."""
+CONSTANTS, OTHERS, BIAS = 2.0, 0.25, 0.03
+PRESSED = 0.03
+"""Of the pressure on the wall: forces below it tell nothing of the lever."""
+GEOMETRY_OF = {"A": 0, "E": 1}
 
 
-def finite_elements(kinds: str) -> np.ndarray:
-    """States by finite elements as rows of `generate`, without derivatives."""
-    rows = []
-    with (Path(__file__).parent / "finite_elements.csv").open() as file:
+def finite_elements() -> list[list[float]]:
+    """Rows (source, geometry, p, phi, six lengths, M, lambda, F, lever, compliance, 24 derivatives), dimensionless."""
+    known = {"A": (5.0, 8.0, 1.1, 0.9, 4.2, 5.0), "E": (6.5, 7.0, 1.1, 0.9, 4.2, 5.0)}
+    rows, mu = [], 0.136
+    with (HERE / "finite_elements.csv").open() as file:
         for row in csv.DictReader(line for line in file if not line.startswith("#")):
-            if row["geometry"] not in kinds or float(row["p_kPa"]) / 136 > form.MOST_PRESSURE:
-                continue
             p, kappa, stretch, moment, force, lever = (float(v) for v in list(row.values())[2:])
-            half, mu = 3.0, 0.136
-            values = [moment / mu, stretch * half, force / mu, lever, np.nan]
-            rows.append([KINDS.index(row["geometry"]), p / 136, kappa * half, *values, *[np.nan] * 24])
-    return np.array(rows).reshape(-1, 32)
+            if p / 136 > form.MOST_PRESSURE:
+                continue
+            x = np.array(known[row["geometry"]]) / B
+            phi = kappa * B * (0.5 * x[4] + x[3])
+            values = [moment / mu / B**3, stretch, force / mu / B**2, np.nan * lever, np.nan]
+            rows.append([0, GEOMETRY_OF[row["geometry"]], p / 136, phi, *x, *values, *[np.nan] * 24])
+    return rows
 
 
-def row_of(z):
-    """Products of the functions at (p, phi, a, b, t_m, h_x, h_L, H), and at the same cell without load."""
-    p, phi, x = z[0], z[1], z[2:] / B
-    half = 0.5 * z[6] + z[5]
-
-    def products(p, kappa):
-        K = form.curvature_functions(form.SPREAD * kappa * B / form.rims_meet(x))[0]
-        PG = (form.pressure_functions(p)[:, None] * form.geometry_functions(x)).reshape(-1)
-        return (K[:, None] * PG).reshape(-1)
-
-    return products(p, phi / half), products(0 * p, 0 * phi), form.scales(x), half
-
-
-def moment_row(z):
-    loaded, rest, scale, _ = row_of(z)
-    return scale[0] * B**3 * (loaded - rest)
-
-
-def covers_moment(z):
-    return form.COVER * B * z[7] ** 3 / 3 * z[1] / (0.5 * z[6] + z[5])
+def solids(paths) -> list[list[float]]:
+    """The same of the states by `generate`."""
+    rows = []
+    for path in paths:
+        with np.load(path) as data:
+            source = 1 if Path(path).name.startswith("fine") else 2
+            for r in data["rows"]:
+                x = data["sizes"][int(r[0])][:6] / B
+                half = 0.5 * x[4] + x[3]
+                slopes = r[8:].reshape(3, 8) * np.array([1, 1, *[B] * 6])
+                # Place of the cut -> stretch.
+                c = r[4] / B
+                slopes[1] = slopes[1] / B / half - c / half**2 * np.array([0, 0, 0, 0, 0, 1, 0.5, 0])
+                slopes[0], slopes[2] = slopes[0] / B**3, slopes[2] / B**2
+                values = [r[3] / B**3, c / half, r[5] / B**2, r[6] / B, r[7] * B / half]
+                rows.append([source, r[0], r[1], r[2], *x, *values, *slopes.reshape(-1)])
+    return rows
 
 
-def place_row(z):
-    loaded, rest, scale, half = row_of(z)
-    return scale[3] * half * (loaded - rest)
+class Data:
+    """All states; the latest of a geometry and source that come twice."""
+
+    def __init__(self, paths):
+        rows = np.array(finite_elements() + solids(paths))
+        self.source, self.geometry = rows[:, 0].astype(int), rows[:, 1].astype(int)
+        self.z, values = rows[:, 2:10], rows[:, 10:15]
+        self.moment, self.stretch, self.force, self.lever, self.compliance = values.T
+        self.slopes = rows[:, 15:].reshape(-1, 3, 8)
+        a, b, _, gap, length, H = self.z[:, 2:].T
+        p, phi = self.z[:, 0], self.z[:, 1]
+        self.half, self.arm = 0.5 * length + gap, a + 0.5 * H
+        self.k = phi / self.half
+        self.opening = 1 + self.k / np.asarray(jax.vmap(form.rims_meet)(jnp.asarray(self.z[:, 2:])))
+        key = [(s, g, round(v, 6)) for s, g, v in zip(self.source, self.geometry, p, strict=True)]
+        blocked = {q: abs(m) for q, m, turn in zip(key, self.moment, phi, strict=True) if turn == 0}
+        self.blocked = np.array([blocked.get(q, 0.0) for q in key])
+        EI = H**3 / 3
+        # Where rims have met, moments are large and count less; so do states far from the free one.
+        rims = np.where(self.opening < 0.3, np.maximum(np.abs(self.moment - EI * self.k) - 1.6 * self.blocked, 0), 0)
+        far = np.maximum(self.moment - 0.5 * self.blocked, 0)
+        floor = 0.01 * 0.15 * 4 * a * b * self.arm
+        self.tolerance = self.blocked + floor + 0.3 * rims + 0.5 * far + 0.04 * EI * np.abs(self.k)
+        per_fe = {g: np.sum((self.source == 0) & (self.geometry == g)) for g in np.unique(self.geometry)}
+        crowd = np.array([30 / max(per_fe[g], 30) for g in self.geometry])
+        self.weight = np.array(WEIGHTS)[self.source] * np.where(self.source == 0, np.sqrt(crowd), 1.0)
 
 
-def force_row(z):
-    loaded, _, scale, _ = row_of(z)
-    return scale[1] * B**2 * loaded
+class Numbers:
+    """Coefficients of the law's first groups as one vector, with its prior; at its end the solids' own errors."""
+
+    GROUPS = ("touch", "moment", "force")
+    OWN = (form.PLACES["touch"].start, form.PLACES["moment"].start, form.PLACES["force"].start)
+    """p_c, A of the moment, A of the force."""
+
+    def __init__(self):
+        places, means, widths = [], [], []
+        row = 0
+        for head, group in form.NUMBERS.items():
+            for name, count in group.items():
+                for j in range(count if head in self.GROUPS else 0):
+                    places.append((row, j))
+                    degree = 0 if j == 0 else 1 if j < form.LINEAR else 2
+                    means.append(START.get(name, 0.0) if degree == 0 else 0.0)
+                    width = (CONSTANTS, FIRST.get(name, OTHERS), SECOND.get(name, OTHERS))[degree]
+                    widths.append(width * (3.0 if name.startswith("rim") else 1.0))
+                row += 1
+        self.rows, self.columns = np.array(places).T
+        own = 2 * len(self.OWN) * form.LINEAR
+        self.means = np.concatenate([means, np.zeros(own)])
+        self.widths = np.concatenate([widths, np.full(own, BIAS)])
+
+    def own(self, vector):
+        """(fine and coarse, of OWN, geometry functions)."""
+        return vector[len(self.rows) :].reshape(2, len(self.OWN), form.LINEAR)
+
+    def table(self, vector, source):
+        """(numbers, geometry functions) as a state of a source sees them; source 0 is the law."""
+        C = jnp.zeros((len(form.COUNTS), form.QUADRATIC)).at[self.rows, self.columns].set(vector[: len(self.rows)])
+        own = jnp.concatenate([jnp.zeros((1, len(self.OWN), form.LINEAR)), self.own(vector)])[source]
+        return C.at[np.array(self.OWN), : form.LINEAR].add(own)
 
 
-def penalties() -> np.ndarray:
-    """Of each coefficient."""
-    degree = np.array([0] + [1] * 6 + [2] * 21)
-    geometry = np.array([1.0, 2.0, 5.0])[degree]
-    pressure = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-    curvature = np.concatenate([[1.0, 1.0], np.full(len(form.KNOTS), 1.0)])
-    return (curvature[:, None, None] * pressure[:, None] * geometry).reshape(-1)
+NUMBERS = Numbers()
 
 
-def solve(rows, right, ridge):
-    """Least squares with `ridge` times the penalties, by the smaller of the two normal matrices."""
-    weight = 1 / (ridge * penalties())
-    A = rows * weight
-    if len(A) < A.shape[1]:
-        return weight * (A.T @ np.linalg.solve(A @ A.T + np.eye(len(A)), right))
-    return weight * np.linalg.solve(A.T @ A + np.eye(A.shape[1]), A.T @ right)
+def both(vector, z, source):
+    """Moment and force of a state."""
+    p, phi, x = z[0], z[1], z[2:]
+    c = form.loaded(NUMBERS.table(vector, source), x, p)
+    f = form.functions(c, phi / (0.5 * x[4] + x[3]))
+    return jnp.stack([form.moment(c, f), form.force(c, f)])
 
 
-def samples(sizes: np.ndarray, count: int = 4000) -> np.ndarray:
-    """Cells at which the moment is to rise with the curvature: half of them of the sizes that were solved for."""
-    rng = np.random.default_rng(1)
-    x = rng.uniform(20 * form.LOW, 20 * form.HIGH, (count, 6))
-    x[: count // 2] = sizes[rng.integers(0, len(sizes), count // 2), :6]
-    p = rng.uniform(0, form.MOST_PRESSURE, count)
-    meet = jax.vmap(form.rims_meet)(jnp.asarray(x / B)) / B
-    kappa = np.asarray(meet) * rng.uniform(-2.8, 6.0, count)
-    return np.concatenate([p[:, None], (kappa * (0.5 * x[:, 4] + x[:, 3]))[:, None], x], 1)
+def gauss_newton(data, which, vector, rounds):
+    """The vector of NUMBERS that fits the states `which` best."""
+    with_slopes = which & (np.array(SLOPES)[data.source] > 0) & (data.opening > 0.2) & (data.z[:, 0] > 0)
+    z, source = jnp.asarray(data.z), jnp.asarray(data.source)
+    seen, sloped = np.where(which)[0], np.where(with_slopes)[0]
+    wanted = np.stack([data.moment, data.force], 1)
+    tolerance = np.stack([data.tolerance, data.tolerance / data.arm], 1)
+    scale = data.weight[:, None] / tolerance / ERROR
+    slope = data.slopes[:, [0, 2]] * SPREAD
+    robust = np.ones((len(sloped), 2, 8))
+
+    def slopes(vector, z, s):
+        return jax.jacrev(both, argnums=1)(vector, z, s) * SPREAD
+
+    def rows(function, vector, where, weight):
+        J = jax.lax.map(lambda a: jax.jacfwd(function)(vector, *a), (z[where], source[where]), batch_size=64)
+        return (J * weight[..., None]).reshape(-1, len(vector))
+
+    @jax.jit
+    def normal(vector, robust):
+        r = ((jax.vmap(both, (None, 0, 0))(vector, z[seen], source[seen]) - wanted[seen]) * scale[seen]).reshape(-1)
+        J = rows(both, vector, seen, scale[seen])
+        A, g, cost = J.T @ J, J.T @ r, r @ r
+        if len(sloped):
+            w = scale[sloped][..., None] * robust * np.array(SLOPES)[data.source[sloped]][:, None, None]
+            rs = (jax.vmap(slopes, (None, 0, 0))(vector, z[sloped], source[sloped]) - slope[sloped]) * w
+            J, rs = rows(slopes, vector, sloped, w), rs.reshape(-1)
+            A, g, cost = A + J.T @ J, g + J.T @ rs, cost + rs @ rs
+        d = (vector - NUMBERS.means) / NUMBERS.widths
+        return A + jnp.diag(NUMBERS.widths**-2.0), g + d / NUMBERS.widths, cost + d @ d
+
+    misses = jax.jit(lambda v: jax.vmap(slopes, (None, 0, 0))(v, z[sloped], source[sloped]) - slope[sloped])
+    damping = 1e-4
+    A, g, cost = normal(vector, robust)
+    for step in range(rounds):
+        if step in (6, 14) and len(sloped):
+            off = np.asarray(misses(vector)) / tolerance[sloped][..., None]
+            robust = 1 / np.sqrt(1 + (off / DOUBTFUL) ** 2)
+            A, g, cost = normal(vector, robust)
+        if step % 10 == 0:
+            print(f"  {step}: {float(cost):.1f} damping {damping:.0e}", flush=True)
+        new = vector - np.linalg.solve(A + damping * np.diag(np.diag(A)), g)
+        A_new, g_new, cost_new = normal(new, robust)
+        if np.isfinite(cost_new) and cost_new < cost:
+            gain = (cost - cost_new) / cost
+            vector, A, g, cost, damping = new, A_new, g_new, cost_new, max(damping / 5, 1e-9)
+            if gain < 3e-4 and step > 16:
+                break
+        else:
+            damping *= 8
+            if damping > 1e6:
+                break
+    return vector
 
 
-def rising(C, z, D, EI_slope, ridge, rows, right):
-    """Coefficients of the moment again, with its slope by phi raised to LEAST_SLOPE of the cover's where it is less."""
-    weight = 1 / (3 * EI_slope)
-    for _ in range(ROUNDS):
-        low = (LEAST_SLOPE - form.COVER) * EI_slope > (D @ C)
-        rows, right = (
-            np.concatenate([rows, (D * weight[:, None])[low]]),
-            np.concatenate([right, ((LEAST_SLOPE + 0.2 - form.COVER) * EI_slope * weight)[low]]),
+def linear_heads(C, data, which):
+    """C with the numbers of stretch, lever and compliance, each by one regularised linear problem."""
+    C = np.array(C)
+
+    def terms(z):
+        c = form.loaded(C, z[2:], z[0])
+        f = form.functions(c, z[1] / (0.5 * z[6] + z[5]))
+        G = form.geometry_functions(z[2:])
+
+        def products(head, values):
+            counts = form.NUMBERS[head].values()
+            return jnp.concatenate([t * G[:n] for t, n in zip(values, counts, strict=True)])
+
+        return (
+            products("stretch", form.stretch_terms(c, f)),
+            products("lever", form.lever_terms(f)),
+            products("compliance", form.compliance_terms(f)),
         )
-        C = solve(rows, right, ridge)
-    print("cells whose moment falls with the curvature:", int(np.sum(-form.COVER * EI_slope > D @ C)), "of", len(z))
+
+    H, coarse = data.z[:, 7], data.source == 2
+    pressed = data.force > PRESSED * 4 * data.z[:, 2] * data.z[:, 3] * np.maximum(data.z[:, 0], 0.02)
+    wanted = [data.stretch - 1, data.lever / data.arm - 1, np.log(np.maximum(data.compliance, 1e-9) * 4 * H)]
+    errors = [0.003 + 0.03 * np.abs(wanted[0]), 0.02 + 0.1 * coarse, 0.05 + 0 * H]
+    known = [np.isfinite(y) & which for y in wanted]
+    known[1] &= pressed
+    rows = [np.asarray(r) for r in jax.jit(jax.vmap(terms))(jnp.asarray(data.z))]
+    for head, A, y, use, error in zip(("stretch", "lever", "compliance"), rows, wanted, known, errors, strict=True):
+        ridge = np.concatenate([np.repeat([1.0, 3.0, 6.0], [1, 6, 21])[:n] for n in form.NUMBERS[head].values()])
+        size = np.sqrt(np.mean(A[use] ** 2, 0)) + 1e-9
+        M = A[use] / size * (data.weight / error)[use][:, None]
+        found = np.linalg.solve(M.T @ M + np.diag(ridge**2), M.T @ (y * data.weight / error)[use]) / size
+        begin = 0
+        for row, count in zip(range(len(C))[form.PLACES[head]], form.NUMBERS[head].values(), strict=True):
+            C[row, :count] = found[begin : begin + count]
+            begin += count
+        off, mask = A @ found - y, use & ~coarse & (data.opening > 0.3)
+        print(f"  {head}: rms {np.sqrt(np.mean(off[mask] ** 2)):.4f}, most {np.abs(off[mask]).max():.4f}", flush=True)
     return C
 
 
-def main(out, paths, keep_back, kinds, ridge):
-    data = np.concatenate([np.load(path)["rows"] for path in paths] + [finite_elements(kinds)])
-    sizes = max((np.load(path)["sizes"] for path in paths), key=len)
-    sizes = np.concatenate([np.array(SIZES_OF_KINDS), sizes[len(KINDS) :]])
-    g = data[:, 0].astype(int)
-    z = np.concatenate([data[:, 1:3], sizes[g][:, :6]], 1)
-    values, slopes = data[:, 3:8], data[:, 8:32].reshape(-1, 3, 8)
-    has = np.isfinite(slopes).all((1, 2))
-    slopes = np.nan_to_num(slopes)
-    M, c, F, lever, compliance = values.T
-    half, EI = 0.5 * z[:, 6] + z[:, 5], B * z[:, 7] ** 3 / 3
-    # The solid of `generate` is softer than finer meshes.
-    cover = form.COVER * EI * z[:, 1] / half
-    M, F = np.where(has, cover + FINER * (M - cover), M), np.where(has, FINER * F, F)
-    blocked = {(i, round(p, 9)): abs(m) for i, p, phi, m in zip(g, z[:, 0], z[:, 1], M, strict=True) if phi == 0}
-    reference = np.array([blocked.get((i, round(p, 9)), 0.0) for i, p in zip(g, z[:, 0], strict=True)])
-    # Where rims have met, moments are large and count less.
-    rim = np.maximum(np.abs(M - EI * z[:, 1] / half) - 1.6 * reference, 0)
-    tolerance = reference + 0.5 + 0.1 * rim
-    arm = 0.5 * z[:, 7] + z[:, 2]
-    kept = (g % 6 == keep_back) if keep_back >= 0 else np.zeros(len(g), bool)
-    seen = ~kept
-    print(
-        "states",
-        len(g),
-        "with derivatives",
-        has.sum(),
-        "geometries",
-        len(np.unique(g)),
-        "kept back",
-        np.unique(g[kept]),
-    )
+def fitted(data, which, start=None, rounds=60):
+    """The vector of NUMBERS from the states `which`."""
+    vector = gauss_newton(data, which, jnp.asarray(NUMBERS.means) if start is None else start, rounds)
+    print("  the solids' own (fine, coarse; p_c, A, A of the force):", np.asarray(NUMBERS.own(vector))[..., 0].round(3))
+    return vector
 
-    def fitted(row, value, offset, slope, scale, trust):
-        """Coefficients of a function that is linear in them, from values and derivatives."""
-        R = np.asarray(jax.jit(jax.vmap(row))(z))
-        weight = seen * counts / scale
-        A, right = R * weight[:, None], (value - offset[0]) * weight
-        use = np.where(seen & has & (trust > 0.05))[0]
-        if len(use):
-            D = np.asarray(jax.jit(jax.vmap(jax.jacfwd(row)))(z[use])).transpose(0, 2, 1)
-            w = SLOPES * SPREAD * (trust[use] / scale[use])[:, None]
-            D, aim = (D * w[:, :, None]).reshape(-1, R.shape[1]), ((slope[use] - offset[1][use]) * w).reshape(-1)
-            robust = np.ones(len(aim))
-            for _ in range(3):
-                rows, wanted = np.concatenate([A, D * robust[:, None]]), np.concatenate([right, aim * robust])
-                C = solve(rows, wanted, ridge)
-                robust = 1 / np.sqrt(1 + ((D @ C - aim) / DOUBTFUL) ** 2)
-            A, right = rows, wanted
-        C = solve(A, right, ridge)
-        rows = A
-        if row is moment_row:
-            cells = samples(sizes[np.unique(g)])
-            D = np.asarray(jax.jit(jax.vmap(jax.jacfwd(row)))(cells))[:, :, 1]
-            C = rising(C, cells, D, B * cells[:, 7] ** 3 / 3 / (0.5 * cells[:, 6] + cells[:, 5]), ridge, rows, right)
-        return C, R @ C + offset[0]
 
-    none = (np.zeros(len(g)), np.zeros((len(g), 8)))
-    # Where there are finite elements they count, and of the solid the derivatives alone.
-    counts = np.where(has & np.isin(g, [KINDS.index(kind) for kind in kinds]), 0.0, np.where(has, 1.0, 2.0))
-    trust = 1 / (1 + 5 * rim / (reference + 1.0))
-    C = {}
-    bent = (cover, np.asarray(jax.vmap(jax.grad(covers_moment))(jnp.asarray(z))))
-    C["moment"], model_M = fitted(moment_row, M, bent, slopes[:, 0], tolerance, trust)
-    by_half = np.zeros((len(g), 8))
-    by_half[:, 5], by_half[:, 6] = 1.0, 0.5
-    tight = half * (0.005 + 0.2 * np.abs(c / half - 1))
-    C["stretch"], model_c = fitted(place_row, c, (half, by_half), slopes[:, 1], tight, trust)
-    # The force before it is rounded off: known where something presses, below zero elsewhere.
-    unit = np.asarray(jax.vmap(lambda z: row_of(z)[2][1])(z)) * B**2
-    share = F / unit
-    touching = share > 0.02
-    target = np.where(touching, np.log(np.expm1(np.clip(form.SHARP * share, 1e-9, 30))) / form.SHARP, -NOTHING)
-    target = np.where(form.SHARP * share > 30, share, target) * unit
-    trust_F = np.where(share > 0.12, trust, 0.0)
-    raw = None
-    for _ in range(4):
-        aim = target if raw is None else np.where(touching, target, np.minimum(raw, -NOTHING * unit))
-        C["force"], raw = fitted(force_row, aim, none, slopes[:, 2], tolerance / arm, trust_F)
-    model_F = unit * np.logaddexp(0, form.SHARP * raw / unit) / form.SHARP
-    zero = np.zeros(len(g))
-    loose = np.where(touching & (F > 0.3), 0.5, 1e9)
-    C["lever"], model_l = fitted(lambda z: row_of(z)[0], lever / arm - 1, none, slopes[:, 0], loose, zero)
-    known = np.isfinite(compliance)
-    log = np.where(known, np.log(np.where(known, compliance, 1.0) * B**2 / half / (0.25 / (z[:, 7] / B))), 0.0)
-    C["compliance"], _ = fitted(lambda z: row_of(z)[0], log, none, slopes[:, 0], np.where(known, 0.6, 1e9), zero)
-    shape = (form.CURVATURES, form.PRESSURES * form.GEOMETRIES)
-    np.savez_compressed(out, C=np.stack([C[name].reshape(shape) for name in form.HEADS]).astype(np.float32))
-    errors = {
-        "M": (model_M - M) / np.maximum(reference, 10.0),
-        "c": (model_c - c) / half,
-        "F": (model_F - F) / np.maximum(reference / arm, 1.0),
-        "lever": np.where(F > 1, (model_l - (lever / arm - 1)), 0.0),
-    }
-    for label, which in (("seen", seen), ("kept back", kept)):
-        for where, mask in (
-            ("kappa = 0", z[:, 1] == 0),
-            ("kappa > 0", z[:, 1] > 0),
-            ("rims apart, kappa < 0", (z[:, 1] < 0) & (rim <= 0)),
-            ("rims pressed", (z[:, 1] < 0) & (rim > 0)),
-        ):
-            mask = mask & which & (z[:, 0] > 0.03)
-            if mask.any():
-                said = [
-                    f"{n} {100 * np.sqrt(np.mean(e[mask] ** 2)):.2f}/{100 * np.abs(e[mask]).max():.2f}"
-                    for n, e in errors.items()
-                ]
-                print(f"{label}, {where} ({mask.sum()}): rms/most, % of blocked: {'  '.join(said)}", flush=True)
+def seen_as(vector, data):
+    """Moment and force of the law at all states, with each solid's own error."""
+    every = jax.jit(jax.vmap(both, (None, 0, 0)))
+    return np.asarray(every(vector, jnp.asarray(data.z), jnp.asarray(data.source))).T
+
+
+def report(label, data, moment, force, which):
+    off = 100 * (moment - data.moment) / np.maximum(data.blocked, 1e-12)
+    off_F = 100 * (force - data.force) / np.maximum(data.blocked / data.arm, 1e-12)
+    straight = np.abs(data.k) < 1e-9
+    near = (data.k > 1e-9) & (data.moment < 0.3 * data.blocked)
+    back = (data.k < -1e-9) & (data.opening > 0.3)
+    for source in np.unique(data.source):
+        for low, high in ((4, 6), (6, 16), (16, 40)):
+            for name, place in (("straight", straight), ("bent", near), ("bent back", back)):
+                mask = which & place & (data.source == source)
+                mask &= (data.z[:, 0] * 136 > low) & (data.z[:, 0] * 136 <= high) & (data.blocked > 0)
+                if mask.any():
+                    print(
+                        f"{label}, {SOURCES[source]}, {low} to {high} kPa, {name} ({mask.sum()}), % of blocked, rms/most:"
+                        f" M {np.sqrt(np.mean(off[mask] ** 2)):.1f}/{np.abs(off[mask]).max():.1f}"
+                        f"  F {np.sqrt(np.mean(off_F[mask] ** 2)):.1f}/{np.abs(off_F[mask]).max():.1f}",
+                        flush=True,
+                    )
+
+
+def main(out, paths, folds):
+    data = Data(paths)
+    everything = np.ones(len(data.source), bool)
+    geometries = np.unique(data.geometry)
+    print(len(data.source), "states,", len(geometries), "geometries, of each source", np.bincount(data.source))
+    vector = fitted(data, everything)
+    report("fitted", data, *seen_as(vector, data), everything)
+    C = linear_heads(np.asarray(NUMBERS.table(vector, 0)), data, everything)
+    np.savez_compressed(out, C=C.astype(np.float32))
+    if folds:
+        moment, force = 0 * data.moment, 0 * data.force
+        for fold in range(folds):
+            left = np.isin(data.geometry, geometries[fold::folds])
+            own = fitted(data, ~left, vector, 8)
+            moment[left], force[left] = (values[left] for values in seen_as(own, data))
+        report("left out", data, moment, force, everything)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
     parser.add_argument("out")
     parser.add_argument("data", nargs="+")
-    parser.add_argument("--keep-back", type=int, default=-1)
-    parser.add_argument("--finite-elements", default="A", help="kinds whose finite elements are fitted: A, AE or none")
-    parser.add_argument("--ridge", type=float, default=RIDGE)
+    parser.add_argument("--folds", type=int, default=0)
     a = parser.parse_args()
-    main(a.out, a.data, a.keep_back, a.finite_elements, a.ridge)
+    main(a.out, a.data, a.folds)

@@ -25,6 +25,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--shells", type=int, default=1_000_000, help="how many shells, over all scenes and materials")
     parser.add_argument("--fingers", type=int, default=100_000, help="how many fingers, over all scenes")
+    parser.add_argument("--cells", type=int, default=10_000, help="how many cells of the cell law")
     parser.add_argument("--no-gradients", action="store_true", help="leave the catalogue of derivatives out")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", default="", help="kinds and materials whose name has this in it")
@@ -33,12 +34,14 @@ def main() -> int:
     bad = 0 if asked.no_gradients else run_gradients(asked.only)
     bad += run_shells(asked.shells, asked.seed, asked.only) if asked.shells else 0
     bad += run_fingers(asked.fingers, asked.seed, asked.only) if asked.fingers else 0
+    bad += run_cells(asked.cells, asked.seed) if asked.cells and asked.only in "cell" else 0
     print(f"{bad:,} violations")
     if asked.show:
+        from cells import WORST as CELLS
         from fingers_check import WORST as FINGERS
         from shells import WORST as SHELLS
 
-        for what, design in (SHELLS | FINGERS).items():
+        for what, design in (SHELLS | FINGERS | CELLS).items():
             print(what, *design, sep="\n    ")
     return 1 if bad else 0
 
@@ -73,6 +76,14 @@ def run_fingers(total: int, seed: int, only: str) -> int:
             counts += violations(kind, draw, min(FINGER_BATCH, each), compiled)
         bad += report(f"pneunet {kind}", counts, time.perf_counter() - began)
     return bad
+
+
+def run_cells(total: int, seed: int) -> int:
+    """The number of violations."""
+    from cells import compiled, violations
+
+    began, states, draw = time.perf_counter(), compiled(), np.random.default_rng(seed)
+    return report("cells", violations(draw, total, states), time.perf_counter() - began)
 
 
 def run_gradients(only: str) -> int:

@@ -6,8 +6,8 @@ axial force N, a segment needs the external moment M_ext about the cover's mid-h
     M_ext = M_0(kappa) - N lambda_0'(kappa) - N^2 C'(kappa) / 2,   lambda = lambda_0(kappa) + N C(kappa)
 
 both from one potential. M_0, lambda_0 and the axial compliance C depend on the pressure over mu and on the geometry;
-`form` holds their form, and `law.npz` the numbers, fitted to three-dimensional solids (`solid`) of neo-Hookean
-material. Other strain energies enter by their shear modulus at rest.
+`form` holds their form, and `law.npz` the numbers, fitted to finite elements and to three-dimensional solids (`solid`)
+of neo-Hookean material. Other strain energies enter by their shear modulus at rest.
 """
 
 from __future__ import annotations
@@ -44,19 +44,15 @@ def numbers() -> np.ndarray:
 
 
 class Cell(NamedTuple):
-    """One cell at one pressure: coefficients of its functions of the curvature."""
+    """One cell at one pressure."""
 
-    coefficients: dict[str, Array]
-    moment_at_rest: Scalar
-    """What the fit leaves of the moment and the strain without load, taken off everywhere."""
-    strain_at_rest: Scalar
+    loaded: form.Loaded
 
     def state(self, k: Scalar, nu: Scalar) -> dict[str, Array]:
         """moment, stretch, force, lever and compliance at the curvature k = kappa B under nu = N / (mu B^2)."""
-        v = form.at_curvature(self.coefficients, k)
-        moment = v["moment"] - self.moment_at_rest - nu * (v["stretch_slope"] + 0.5 * nu * v["compliance_slope"])
-        stretch = 1 + v["stretch"] - self.strain_at_rest + nu * v["compliance"]
-        return v | {"moment": moment, "stretch": stretch}
+        v = form.at_curvature(self.loaded, k)
+        moment = v["moment"] - nu * (v["stretch_slope"] + 0.5 * nu * v["compliance_slope"])
+        return v | {"moment": moment, "stretch": 1 + v["stretch"] + nu * v["compliance"]}
 
 
 def sizes(finger: PneuNet) -> Array:
@@ -66,10 +62,7 @@ def sizes(finger: PneuNet) -> Array:
 
 def cell_of(finger: PneuNet, pressure: Scalar) -> Cell:
     """The cell of a uniform finger, or of one segment, at a pressure (Pa)."""
-    net, x = numbers(), sizes(finger)
-    share = pressure / finger.material.shear_modulus()
-    rest = form.at_curvature(form.coefficients(net, x, jnp.zeros_like(share)), jnp.zeros_like(share))
-    return Cell(form.coefficients(net, x, share), rest["moment"], rest["stretch"])
+    return Cell(form.loaded(numbers(), sizes(finger), pressure / finger.material.shear_modulus()))
 
 
 class CellSection(SectionLaw):
@@ -89,8 +82,8 @@ class CellSection(SectionLaw):
 
     def loads(self, z, stretch):
         h = self.slenderness
-        free = form.at_curvature(self.cell.coefficients, -z / h)
-        n = (stretch - 1 - free["stretch"] + self.cell.strain_at_rest) / free["compliance"] / h
+        free = form.at_curvature(self.cell.loaded, -z / h)
+        n = (stretch - 1 - free["stretch"]) / free["compliance"] / h
         return self.bent(z, n)[0], n
 
     def stretches(self, z, n):

@@ -28,11 +28,12 @@ Scalar = Float[Array, ""]
 
 class Degrees(NamedTuple):
     """Polynomial degrees: along x (chamber, wall, gap), along y (cover, foot of the wall, wall, head of the wall, top),
-    along z (wall, edge of the wall, side wall). Foot, head and edge are layers as wide as the wall is thick."""
+    along z (wall, edge of the wall, side wall). Foot, head and edge are layers as wide as the wall is thick. More
+    numbers along y or z divide the wall between them into equal parts."""
 
     x: tuple[int, int, int] = (1, 3, 2)
-    y: tuple[int, int, int, int, int] = (2, 3, 5, 3, 2)
-    z: tuple[int, int, int] = (5, 3, 2)
+    y: tuple[int, ...] = (2, 3, 5, 3, 2)
+    z: tuple[int, ...] = (5, 3, 2)
 
 
 DEGREES = Degrees()
@@ -91,10 +92,11 @@ class Mesh:
         starts = [np.concatenate([[0], np.cumsum(d)]) for d in degrees]
         counts = [s[-1] + 1 for s in starts]
         grid = np.arange(np.prod(counts)).reshape(counts)
-        walls, inner = range(1, 4), range(2)
-        boxes = [(i, 0, k) for i in range(3) for k in range(3)]
-        boxes += [(1, j, k) for j in walls for k in inner] + [(i, j, 2) for i in range(2) for j in walls]
-        boxes += [(i, 4, k) for i in range(2) for k in range(3)]
+        top, side = len(degrees.y) - 1, len(degrees.z) - 1
+        walls, inner = range(1, top), range(side)
+        boxes = [(i, 0, k) for i in range(3) for k in range(side + 1)]
+        boxes += [(1, j, k) for j in walls for k in inner] + [(i, j, side) for i in range(2) for j in walls]
+        boxes += [(i, top, k) for i in range(2) for k in range(side + 1)]
 
         def nodes_of(box):
             cut = tuple(slice(s[i], s[i + 1] + 1) for s, i in zip(starts, box, strict=True))
@@ -141,12 +143,12 @@ class Mesh:
 
         none = (0, 0)
         self.cavity = faces(0, -1, [(1, j, k) for j in walls for k in inner], none)
-        self.cavity += faces(1, 1, [(0, 0, k) for k in inner], none) + faces(1, -1, [(0, 4, k) for k in inner], none)
-        self.cavity += faces(2, -1, [(0, j, 2) for j in walls], none)
+        self.cavity += faces(1, 1, [(0, 0, k) for k in inner], none) + faces(1, -1, [(0, top, k) for k in inner], none)
+        self.cavity += faces(2, -1, [(0, j, side) for j in walls], none)
         # The cavity's outward normal is against the axis on its floor alone.
         self.cavity = [face._replace(sign=-1.0) if face.segments[1] == 0 else face for face in self.cavity]
         self.outer = faces(0, 1, [(1, j, k) for j in walls for k in inner], contact_points)
-        self.outer += faces(0, 1, [(1, j, 2) for j in walls] + [(1, 4, k) for k in range(3)], none)
+        self.outer += faces(0, 1, [(1, j, side) for j in walls] + [(1, top, k) for k in range(side + 1)], none)
 
     def _box(self, box, nodes):
         degrees = [self.degrees[j][i] for j, i in enumerate(box)]
@@ -194,12 +196,14 @@ class Sizes(NamedTuple):
     B: Any
     top: Any
 
-    def segments(self):
+    def segments(self, degrees: Degrees):
         """Lengths of the segments along x, y, z, and where each axis begins."""
+        high, wide = len(degrees.y) - 4, len(degrees.z) - 2
         x = jnp.stack([0.5 * self.h_L - self.t_m, self.t_m * 1.0, self.h_x * 1.0])
         layer = self.t_m * 1.0
-        y = jnp.stack([self.H * 1.0, layer, 2.0 * self.a - 2 * layer, layer, self.top * 1.0])
-        z = jnp.stack([self.b - layer, layer, 0.5 * self.B - self.b])
+        wall = [(2.0 * self.a - 2 * layer) / high] * high
+        y = jnp.stack([self.H * 1.0, layer, *wall, layer, self.top * 1.0])
+        z = jnp.stack([*[(self.b - layer) / wide] * wide, layer, 0.5 * self.B - self.b])
         return (x, y, z), (0.0, -0.5 * self.H, 0.0)
 
     @property
@@ -227,7 +231,7 @@ class Solid:
         self.size = len(self.free)
 
     def nodes(self, sizes: Sizes):
-        lengths, begins = sizes.segments()
+        lengths, begins = sizes.segments(self.mesh.degrees)
         out = []
         for j in range(3):
             start = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths[j])])[:-1] + begins[j]
@@ -266,7 +270,7 @@ class Solid:
     def boxes(self, y, sizes):
         """Gradients of shape functions of every box at both sets of points, its volume, and F at all points of all
         boxes, in one array each: one evaluation of the energy serves all."""
-        lengths, _ = sizes.segments()
+        lengths, _ = sizes.segments(self.mesh.degrees)
         parts = []
         for box in self.mesh.boxes:
             sides = jnp.stack([lengths[j][box.segment[j]] for j in range(3)])
@@ -313,7 +317,7 @@ class Solid:
 
     def pressing(self, y, c, sizes, phi):
         """Gap at the contact points, their weights times the stiffness, and their height along the plane."""
-        lengths, _ = sizes.segments()
+        lengths, _ = sizes.segments(self.mesh.degrees)
         gaps, weights, heights = [], [], []
         for face in self.mesh.outer:
             r = face.values @ y[face.nodes]
