@@ -40,7 +40,7 @@ ERROR = 0.01
 """What is expected of a state, over the tolerance: weighs the states against the priors."""
 START = {"p_c": -4.0, "m": 1.3, "n": 0.95, "A": -1.0, "c": 0.93}
 FIRST, SECOND = {"p_c": 1.0, "A": 0.5}, {"p_c": 0.15, "A": 0.1, "c": 0.05}
-"""Standard deviations of coefficients of first and second degree, of the numbers that have larger ones than the rest."""
+"""Standard deviations of coefficients of first and second degree, of numbers that are not like the rest."""
 CONSTANTS, OTHERS, BIAS = 2.0, 0.25, 0.03
 PRESSED = 0.03
 """Of the pressure on the wall: forces below it tell nothing of the lever."""
@@ -277,7 +277,7 @@ def report(label, data, moment, force, which):
                 mask &= (data.z[:, 0] * 136 > low) & (data.z[:, 0] * 136 <= high) & (data.blocked > 0)
                 if mask.any():
                     print(
-                        f"{label}, {SOURCES[source]}, {low} to {high} kPa, {name} ({mask.sum()}), % of blocked, rms/most:"
+                        f"{label}, {SOURCES[source]}, {low} to {high} kPa, {name} ({mask.sum()}), % of blocked:"
                         f" M {np.sqrt(np.mean(off[mask] ** 2)):.1f}/{np.abs(off[mask]).max():.1f}"
                         f"  F {np.sqrt(np.mean(off_F[mask] ** 2)):.1f}/{np.abs(off_F[mask]).max():.1f}",
                         flush=True,

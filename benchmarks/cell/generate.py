@@ -3,10 +3,10 @@
     python benchmarks/cell/generate.py OUT --first 0 --count 30 --seconds 2400
 
 Every geometry is taken from rest through the pressures without curvature, and from each of these states to curvatures
-about the one of the free finger and to negative ones, without axial force. At each state the moment, the stretch and the contact force are noted with their
-derivatives by pressure, angle and all dimensions: adjoints give them for the price of one more solution. Results are
-written to OUT/MESH_FIRST.npz after each geometry. Lengths in mm, pressures over mu, moments in mu mm^3 and forces in
-mu mm^2, of the full width.
+about the one of the free finger and to negative ones, without axial force. At each state the moment, the stretch and
+the contact force are noted with their derivatives by pressure, angle and all dimensions: adjoints give them for the
+price of one more solution. Results are written to OUT/MESH_FIRST.npz after each geometry. Lengths in mm, pressures over
+mu, moments in mu mm^3 and forces in mu mm^2, of the full width.
 """
 
 from __future__ import annotations
@@ -248,7 +248,10 @@ def run(out: Path, first: int, count: int, seconds: float, mesh: str) -> None:
             up = [*bent[:-1], np.clip(bent[-1], LEAST_FAR * x_B, MOST_BENT * x_B)] if p else [LEAST_FAR * x_B]
             if mesh == "fine":
                 up = up[:-1]
-            down = [-k * float(rims_meet(s)) * x_B for k in (BACKWARDS[:1] if mesh == "fine" else BACKWARDS if p else BACKWARDS[-1:])]
+            down = [
+                -k * float(rims_meet(s)) * x_B
+                for k in (BACKWARDS[:1] if mesh == "fine" else BACKWARDS if p else BACKWARDS[-1:])
+            ]
             if mesh == "fine" and not p:
                 up = down = []
             for way in (up, down):

@@ -60,13 +60,13 @@ def violations(draw, count: int, states) -> Counter:
         "a wall that pulls": force < 0,
         "a strain that cannot be": np.abs(stretch - 1) > 0.5,
         "a slope that differences do not have": np.abs(slope - differences) > AGREEMENT * np.abs(differences).max(),
-        "a moment that falls with the curvature": slope <= 0,
     }
+    falling = int(np.sum(slope <= 0))
     for what, mask in broken.items():
         if mask.any() and what not in WORST:
             i = int(np.argmax(mask))
-            WORST[what] = tuple(f"{n} {float(v[i]) * 1e3:.4g} mm" for n, v in fields.items()) + (
-                f"curvature {float(curvatures[i]):.4g} 1/m",
-                f"pressure {float(pressures[i]):.6g} Pa",
-            )
-    return Counter(designs=count) + Counter({f"! {what}": int(mask.sum()) for what, mask in broken.items()})
+            lengths = [f"{n} {float(v[i]) * 1e3:.4g} mm" for n, v in fields.items()]
+            where = [f"curvature {float(curvatures[i]):.4g} 1/m", f"pressure {float(pressures[i]):.6g} Pa"]
+            WORST[what] = (*lengths, *where)
+    said = {"designs": count, "with a moment that falls with the curvature (see docs/theory/cell.md)": falling}
+    return Counter(said | {f"! {what}": int(mask.sum()) for what, mask in broken.items()})

@@ -47,6 +47,8 @@ RIM_KNOTS, RIM_WIDTHS = np.array([0.1, -0.4, -1.0]), np.array([0.12, 0.2, 0.25])
 """Openings at which pressed rims begin to be felt, and over which they do."""
 ROUNDED = 0.02
 """Forces below so much of the walls' share of the pressure are rounded off towards zero."""
+NO_FORCE = 1e-15
+"""Over mu B^2: twice the force where there is none, so that its derivatives exist there."""
 PRESSURE_UNIT, OPENING_UNIT = 0.2, 5.0
 """Of pressures over mu and of (o - 1) in the polynomials, so that they are near one."""
 RIMS = tuple(f"{name} {i}" for name in ("rim", "rim p") for i in range(len(RIM_KNOTS)))
@@ -177,8 +179,7 @@ def force_unrounded(c: Loaded, f: Functions) -> tuple[Scalar, Scalar]:
 def force(c: Loaded, f: Functions) -> Scalar:
     """F, over mu B^2: it only pushes."""
     value, width = force_unrounded(c, f)
-    tiny = 1e-12
-    return 0.5 * (value + jnp.sqrt(value * value + width * width + tiny * tiny) - tiny)
+    return 0.5 * (value + jnp.sqrt(value * value + width * width + NO_FORCE**2))
 
 
 def stretch_terms(c: Loaded, f: Functions) -> Array:

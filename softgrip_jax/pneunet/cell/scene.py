@@ -29,8 +29,8 @@ class Cell(CurveScene):
     zero the finger bends freely. contact_force: of one wall on the next, N. lever_arm: its distance from the cover's
     mid-height, m, of no meaning where nothing touches. stretch: of the cover's mid-height.
 
-    Types A and E are within 4 % of finite elements from 5 to 31 kPa; other dimensions in the range of `law.CHECKED` are
-    off by 8 % of the blocked moment or more, for few were solved for: see docs/theory/cell.md. BEYOND_LIMIT above
+    Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 % of finite elements' blocked moment
+    from 5 to 31 kPa; where rims are about to meet it is worse: see docs/theory/cell.md. BEYOND_LIMIT above
     p = 0.24 mu.
 
     Args:
