@@ -254,11 +254,11 @@ def test_vmap_is_the_loop(case):
 
 
 def test_a_scene_type_is_compiled_once():
-    from softgrip_jax.scene import _solve
+    from softgrip_jax.scene import equilibrium
 
     scene, _ = reference(CASES[0])
     sg.solve(scene, 5e3)
-    before = _solve._cache_size()
+    before = equilibrium._cache_size()
     for pressure in (6e3, 7e3, 90e3):
         sg.solve(CASES[0].make(), pressure)
-    assert _solve._cache_size() == before
+    assert equilibrium._cache_size() == before
