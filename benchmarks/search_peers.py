@@ -73,7 +73,7 @@ class Peer:
 
     def _measure(self, t, scales):
         found = self.problem.measure(t)
-        judged = self.problem.judge(found.values, scales)
+        judged = self.problem.score(found.values, scales)
         return judged.objective, jnp.max(judged.violations, initial=0.0), found.shortfall, found.values
 
     def restart(self) -> None:
@@ -156,7 +156,7 @@ class Watched(Evaluator):
 
 def first_within(problem: Problem, goal: float, scales: Any) -> tuple[int, float]:
     """Solves and time of the first feasible design within TOLERANCE of `goal` among what was watched."""
-    judge = jax.jit(lambda values: problem.judge(values, scales))
+    judge = jax.jit(lambda values: problem.score(values, scales))
     for solves, at, found in Watched.seen:
         for values, shortfall in zip(found.values, found.shortfall, strict=True):
             judged = judge(values)

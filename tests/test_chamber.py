@@ -236,7 +236,7 @@ def test_a_beam_driven_by_the_moment_of_its_chambers_is_the_one_driven_by_their_
     scene = TipContact(A, weight=jnp.asarray([0.5, -1.0]))
     unknowns = jnp.linspace(0.3, -1.2, scene.points + 1)
     residual, observed = jax.jit(lambda p: scene.evaluated(unknowns, p))(pressure * kPa)
-    wanted, seen = jax.jit(lambda p: scene.measured(unknowns, jnp.ones_like(p), p))(pressure * kPa)
+    wanted, seen = jax.jit(lambda p: scene.residual_and_observables(unknowns, jnp.ones_like(p), p))(pressure * kPa)
     np.testing.assert_allclose(residual, wanted, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(observed["end_moment"], seen["end_moment"], rtol=1e-13, atol=1e-20)
     assert (seen["end_moment"] == 0) == (pressure == 1.0)  # before the walls touch

@@ -119,7 +119,7 @@ def test_the_impossible_is_led_back_to_the_start(problem, measured):
 def test_judgement_by_hand(problem):
     values = np.array([12 * kPa, 13 * mm, 1.1, 1.6, 8 * kPa])
     scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
-    judged = problem.judge(jnp.array(values), scales)
+    judged = problem.score(jnp.array(values), scales)
     np.testing.assert_allclose(judged.objective, 2 * 1.2 + (1 / 14) ** 2, rtol=1e-12)
     expected = [(1.25 - 1.1) / 1.25, (1.0 - 1.6) / 1.0, (1.6 - 1.5) / 1.5, (10 - 8) / 10]
     np.testing.assert_allclose(judged.violations, expected, rtol=1e-12)
@@ -133,7 +133,7 @@ def test_judgement_by_hand(problem):
 
 def test_unknown_values_count_for_nothing(problem):
     scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
-    judged = problem.judge(jnp.full(5, jnp.nan), scales)
+    judged = problem.score(jnp.full(5, jnp.nan), scales)
     assert float(judged.objective) == 0
     np.testing.assert_array_equal(judged.violations, np.zeros(4))
 

@@ -136,7 +136,7 @@ def rival(problem, solves, population=50, seed=1):
             found = evaluate(x)
             lost = found.shortfall > 0
             terms = np.stack([problem.terms(jnp.asarray(v), scales) for v in found.values])
-            broken = np.stack([problem.judge(jnp.asarray(v), scales).violations for v in found.values])
+            broken = np.stack([problem.score(jnp.asarray(v), scales).violations for v in found.values])
             out["F"] = np.where(lost[:, None], 1e3, terms)
             out["G"] = np.column_stack([broken, np.where(lost, found.shortfall, -1.0)])
 

@@ -210,8 +210,8 @@ def test_points_are_short_for_collocation():
     short, long = sg.pneunet.TipContact(finger, points=8), sg.pneunet.TipContact(finger, beam=Collocation(points=8))
     assert short.method() == long.method() == Collocation(points=8)
     assert sg.pneunet.TipContact(finger).method() == Collocation(points=16)
-    assert short.rest().shape == long.rest().shape == (9,)
-    assert sg.pneunet.TipContact(finger, beam=Shooting(segments=2)).rest().shape == (4,)
+    assert short.unloaded_state().shape == long.unloaded_state().shape == (9,)
+    assert sg.pneunet.TipContact(finger, beam=Shooting(segments=2)).unloaded_state().shape == (4,)
 
 
 BAD = {

@@ -106,7 +106,7 @@ def continued(scene: PathScene, pressure: Any) -> Any:
     begin = scene.pressure_span().begin
 
     def residual(unknowns, share, p):
-        return scene.measured(unknowns, share, scene.driven(p))[0]
+        return scene.residual_and_observables(unknowns, share, scene.driven(p))[0]
 
     def step(unknowns, at):
         share, p = at
@@ -119,7 +119,7 @@ def continued(scene: PathScene, pressure: Any) -> Any:
     shares = jnp.concatenate([way, jnp.ones_like(way)])
     low = jnp.minimum(begin, pressure)
     pressures = jnp.concatenate([jnp.full_like(way, low), low + way * (pressure - low)])
-    unknowns, left = jax.lax.scan(step, scene.rest(), (shares, pressures))
+    unknowns, left = jax.lax.scan(step, scene.unloaded_state(), (shares, pressures))
     return unknowns, jnp.max(left)
 
 

@@ -22,6 +22,8 @@ from ..finger import SEGMENT_FIELDS, PneuNet
 from .arc import LEAST_ANGLE, Chamber, Scalar, within
 from .small_strain import SmallStrainChamber
 
+NO_PRESSURE = 1e-15
+"""Of the largest pressure: a wall under less is flat."""
 SLOWER = 0.08
 """With this the cubic law is good to 1 % of the angle up to one radian."""
 
@@ -88,6 +90,8 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         low, high = fixed.search_interval()
         # The pressure of a flat wall rises with the third power of its angle, of a round one a little more slowly.
         flat, most = jax.vmap(fixed.load)(jnp.stack([low, high]))
+        # Rounding may leave a wall that is all but flat a pressure below zero.
+        flat = jnp.maximum(flat, NO_PRESSURE * most)
         wanted = jnp.maximum(target, flat)
         guess = low * jnp.cbrt(wanted / flat)
         guess = guess + SLOWER * guess * guess
