@@ -98,7 +98,6 @@ def test_newtons_method_takes_few_steps_from_a_good_guess_and_none_in_an_empty_b
     found = newton(2, 0.7, -1.0, 2.0, 0.71)
     assert float(found.x) == pytest.approx(0.7, rel=EPS)
     assert found.iterations <= 3
-    assert float(found.slope) == pytest.approx(np.exp(0.7), rel=1e-3)
     # A guess outside is not tried, be it another root.
     low, high, outside = (jnp.asarray(x) for x in (0.0, 3.0, -1.0))
     assert float(newton_bracketed(lambda x: x**2 - 1, low, high, outside).x) == pytest.approx(1, rel=2 * EPS)
