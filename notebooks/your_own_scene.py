@@ -40,7 +40,7 @@ import optim
 import softgrip_jax as sg
 from softgrip_jax.curve_scene import CurveScene
 from softgrip_jax.fields import part, positive
-from softgrip_jax.materials.base import Material
+from softgrip_jax.materials import Material
 from softgrip_jax.membrane import equilibrium_pressure, flat_contact_stretch
 from softgrip_jax.scene import Scalar
 from softgrip_jax.units import kPa, mm

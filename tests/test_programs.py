@@ -14,7 +14,7 @@ from softgrip_jax.commands import programs
 CODE = """
 import sys
 from softgrip_jax.cli import main
-from softgrip_jax.shell import flat
+from softgrip_jax.shell.arc import flat
 if "known" in sys.argv:
     sys.argv.remove("known")
     def traced(*args):
