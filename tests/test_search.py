@@ -76,7 +76,7 @@ def test_constrained_optimum_is_the_published_one():
 
 
 def test_the_descent_alone_comes_near():
-    found = search(rosen_suzuki(), starts=16, steps=300, finishes=0)
+    found = search(rosen_suzuki(), starts=16, steps=300, learning_rate=0.1, finishes=0)
     assert found.best.objective == pytest.approx(-44, rel=2e-3)
     assert found.descended == found.best.objective
     assert found.paths.shape == (len(found.history["moving"]), 16)
@@ -119,7 +119,7 @@ def test_what_was_found_until_it_is_stopped_is_kept():
         if step == 20:
             raise KeyboardInterrupt
 
-    found = search(rosen_suzuki(), starts=16, steps=60, report=report)
+    found = search(rosen_suzuki(), starts=16, steps=60, learning_rate=0.1, report=report)
     assert found.stopped
     assert len(found.history["moving"]) == 20
     # The descent charges what a design breaks by up to NEARLY, the report does not: the best one is as good or better.

@@ -77,7 +77,7 @@ class DesignTable(Table):
     starts: int = pydantic.Field(default=256, ge=1, le=1_000_000)
     steps: int = pydantic.Field(default=100, ge=1, le=1_000_000)
     optimiser: Literal[OPTIMISERS] = "adam"  # type: ignore[valid-type]
-    learning_rate: float = pydantic.Field(default=0.1, gt=0)
+    learning_rate: float = pydantic.Field(default=0.3, gt=0)
     finishes: int = pydantic.Field(default=FINISHED, ge=0, le=1000)
     seed: int = pydantic.Field(default=0, ge=0)
     ignore_rules: list[str] = []
