@@ -53,9 +53,19 @@ SHAPE_POINTS = 101
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """An observable of `scene` (may be left out where there is one scene) in a state `at` (see above).
+    """An observable of a scene in a state, by name.
 
-    along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1).
+    Args:
+        observable: its name; also "pressure", "limit_pressure", "limit_margin", "tip.x", "shape.y" and
+            "margins.walls_fit".
+        at: the state: a pressure (Pa), "required" (`pressure_for` of the scene's own task), or a pair such as ("force",
+            2.0) with the wanted value in SI.
+        scene: name of the scene, needed where there are several.
+        along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1), dimensionless.
+
+    Examples:
+        >>> sg.Quantity("force", at=31 * kPa).label()
+        'force at 31 kPa'
     """
 
     observable: str

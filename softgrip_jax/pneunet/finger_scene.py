@@ -165,24 +165,25 @@ class Bent(NamedTuple):
 class FingerScene(PathScene):
     """A finger under pressure with the loads that a subclass names.
 
-    section: law of the cover: "exact", "thesis" or "inextensible". inclination: how the chambers' walls incline as the
-    finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
-    chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
-
-    drive: what pushes the finger. "thesis": arcs in the walls and M_T of (4.39) on a bare cover, the thesis's model;
-    moment_spread "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)). "cell": the cell law
-    (`cell.law`), near to finite elements of chamber, walls, rims and cover together, at every point of the beam;
-    section and inclination have no part in it, and end_moment is that of a straight segment at the tip. The forces of
-    the two differ by a factor of about four: docs/theory/cell.md.
-
-    loading: the way on which a state is reached decides which one it is, and whether there is one. "first": weight and
-    pulls grow from nothing to their full size, then the pressure. "proportional": weight, pulls and tip offset grow in
-    proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
-    too heavy to be held without pressure may be held with it. Questions without a pressure of their own
-    (`limit_pressure`, `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
-
-    beam: how the beam's equations are solved, `Collocation(points=...)` or `Shooting(...)`. points: Gauss points of the
-    collocation where no `beam` is given; both at once are a ValueError.
+    Args:
+        section: law of the cover: "exact", "thesis" or "inextensible".
+        inclination: how the chambers' walls incline as the finger bends (thesis algorithm 5): "segment", theta_s =
+            theta' (2 h_x + h_L) / 2, half the angle between adjacent chambers; "gap", theta_s = theta' h_x, the turn
+            over the gap alone; "none", theta_s = 0.
+        drive: what pushes the finger: "thesis", arcs in the walls and M_T of (4.39) on a bare cover, the thesis's
+            model; "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
+            together, at every point of the beam. With it section and inclination have no part, and end_moment is that
+            of a straight segment at the tip. The forces of the two differ by a factor of about four:
+            docs/theory/cell.md.
+        moment_spread: of the drive "thesis": "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)).
+        loading: the way on which a state is reached, which decides which one it is: "first", weight and pulls grow from
+            nothing to their full size, then the pressure; "proportional", weight, pulls and tip offset grow in
+            proportion to the pressure. A light finger arrives at the same state; one that is too heavy to be held
+            without pressure may be held with it. Questions without a pressure of their own (`limit_pressure`,
+            `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
+        beam: how the beam's equations are solved, `Collocation(points=...)` or `Shooting(...)`; with `points` given,
+            too, it is an InputError.
+        points: Gauss points of the collocation where no `beam` is given.
     """
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
@@ -627,17 +628,32 @@ def _shooting_error(scene: FingerScene, unknowns: Array, pressure: Scalar) -> Sc
 
 
 def shooting_error(solution: Solution) -> Scalar:
-    """How far the tip moves when the same equations are solved once more in another way, from what `solve` found.
+    """How far the tip moves when the same equations are solved once more by multiple shooting.
 
-    The other way is multiple shooting: diffrax's adaptive steps (Dopri8, tolerance 1e-10) lead from the clamp and from
-    every point along the finger to the next one, and one Newton step closes the jumps between them. Returned is the
-    largest change at the tip: of its place over L, its angle (rad) and, where it is held, its force over EI / L^2. One
-    shot from the clamp to the tip would be no check: what rounding leaves at the clamp grows by e^sqrt(P L^2/EI) on the
-    way under a tension P.
+    diffrax's adaptive steps (Dopri8, tolerance 1e-10) lead from the clamp and from every point along the finger to the
+    next one, and one Newton step closes the jumps between them. One shot from the clamp to the tip would be no check,
+    since what rounding leaves at the clamp grows by e^sqrt(P L^2 / EI) on the way under a tension P.
 
-    A check of the numerics, not of the model: it is small where the points along the finger tell its shape, and about
-    as large as the error where they do not, or where the state is wrong. NaN where there is no state. ValueError for
-    arcs in closed form (`Free` without loads).
+    It checks the numerics, not the model. It is small where the points along the finger tell its shape, and about as
+    large as the error where they do not, or where the state is wrong.
+
+    Args:
+        solution: of a finger that bends as a beam.
+
+    Returns:
+        The largest change at the tip, dimensionless: of its place over L, its angle (rad) and, where it is held, its
+            force
+        over EI / L^2. NaN where there is no state.
+
+    Raises:
+        InputError: for another scene, and for arcs in closed form (`Free` without loads).
+
+    Source: own; Keller 1968 for multiple shooting.
+
+    Examples:
+        >>> held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8)
+        >>> bool(sg.pneunet.shooting_error(sg.solve(held, 31 * kPa)) < 1e-5)
+        True
     """
     scene = solution.scene
     if not isinstance(scene, FingerScene) or scene.is_arcs():

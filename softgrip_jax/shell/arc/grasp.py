@@ -115,7 +115,7 @@ class Grasp(CylinderContact):
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
         >>> grasp = sg.shell.Grasp(shell, radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
         >>> held = sg.pressure_for(grasp)
-        >>> print(f"{held.pressure / kPa:.2f} kPa, h = {held.height / mm:.2f} mm")  # thesis table 6.1: 10.9 kPa, 33.7 mm
+        >>> print(f"{held.pressure / kPa:.2f} kPa, h = {held.height / mm:.2f} mm")  # thesis: 10.9 kPa, 33.7 mm
         10.90 kPa, h = 33.72 mm
     """
 
