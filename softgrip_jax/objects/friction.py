@@ -175,8 +175,7 @@ def required_normal_force(friction: Any, load: Scalar) -> Scalar:
     Source: Coulomb's law; thesis (6.2).
 
     Examples:
-        >>> table = sg.objects.FrictionTable(force=[1.0, 3.0], coefficient=[1.5, 1.0])
-        >>> print(f"{sg.objects.required_normal_force(table, jnp.asarray(2.5)):.4f} N")  # mu_f(2) 2 = 1.25 * 2
+        >>> print(f"{sg.objects.required_normal_force(0.96, jnp.asarray(1.92)):.4f} N")
         2.0000 N
     """
     if not callable(friction):

@@ -62,8 +62,9 @@ def direction(tilt_x: Scalar, tilt_y: Scalar) -> Place:
         tilt_x, tilt_y: angles, rad.
 
     Examples:
-        >>> sg.shell.obstacles.direction(jnp.asarray(0.0), jnp.asarray(0.0)).tolist()
-        [0.0, 0.0, 1.0]
+        >>> tilted = sg.shell.obstacles.direction(jnp.asarray(0.0), jnp.asarray(np.pi / 2))  # about y: from z to x
+        >>> print(f"{tilted[0]:.1f}")
+        1.0
     """
     return jnp.stack([jnp.sin(tilt_y) * jnp.cos(tilt_x), -jnp.sin(tilt_x), jnp.cos(tilt_y) * jnp.cos(tilt_x)])
 
