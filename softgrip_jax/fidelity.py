@@ -57,7 +57,20 @@ ENERGY_COST = 18.0
 
 
 class Rung(NamedTuple):
-    """A way to compute the observables of a scene."""
+    """One model of a ladder: a way to compute the observables of a scene.
+
+    Args:
+        scene: the model.
+        left_out: physics of the given scene that this one does without, in words.
+        numerics: how finely it is solved, in words.
+        cost: time per design in a batch, relative to an explicit finger, dimensionless.
+        gain: how much less than from the model before, with coarser numerics, the error is at least, dimensionless.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.rungs(sg.shell.Free(shell), ["inflation"])[0].left_out
+        ('large strains',)
+    """
 
     scene: Scene
     left_out: tuple[str, ...]
@@ -71,7 +84,17 @@ class Rung(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """A rung that was solved."""
+    """One model of a ladder that was solved.
+
+    Args:
+        rung: the model.
+        solution: its solution.
+        error: estimated relative error of the observable, dimensionless; inf where there is nothing to compare.
+
+    Examples:
+        >>> sg.fidelity.Trial._fields
+        ('rung', 'solution', 'error')
+    """
 
     rung: Rung
     solution: Solution
@@ -81,7 +104,24 @@ class Trial(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """The cheapest rung that meets the tolerance, and what it was compared with."""
+    """The cheapest model that meets the tolerance, and what it was compared with.
+
+    Args:
+        scene: what to solve from now on.
+        solution: of it.
+        left_out: physics of the given scene that it does without, in words.
+        numerics: how finely it is solved, in words.
+        cost: time per design in a batch, relative to an explicit finger, dimensionless.
+        error: estimated relative error of the observable, dimensionless; inf where the scene has no equilibrium.
+        observable: whose error counts.
+        tolerance: largest relative error that was asked for, dimensionless.
+        trials: all that was solved, cheapest first.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.choose(sg.shell.Free(shell), 15 * kPa).met
+        True
+    """
 
     scene: Scene
     """What to solve from now on."""
@@ -143,18 +183,28 @@ def _percent(share: float) -> str:
 def choose(
     scene: Scene, pressure: Any = None, tolerance: float = 0.01, observable: str | None = None, **target: Any
 ) -> Choice:
-    """The cheapest rung of a scene whose estimated error of an observable is within a tolerance.
+    """The cheapest model of a scene whose estimated error of an observable is within a tolerance.
 
-    Rungs are tried from the cheapest up, and the first that is good enough is taken. The dearest two are always solved,
-    since all are compared with them. Where no rung is good enough the dearest is returned, with its error.
+    Models are tried from the cheapest up, and the first that is good enough is taken. The dearest two are always
+    solved, since all are compared with them. Where none is good enough the dearest is returned, with its error.
 
     Args:
         scene: one scene of known numbers (not traced by jit or vmap).
         pressure: gauge pressure, Pa; without it, a target as in `pressure_for` (none for a grasp, which has its own).
-        tolerance: largest relative error, for instance 0.01. For a point (x, y): distance over distance from (0, 0).
+        tolerance: largest relative error, dimensionless, for instance 0.01. For a point (x, y): distance over distance
+            from (0, 0).
         observable: whose error counts; by default the first in the scene's OBSERVABLES, or "pressure" for a target.
+        target: as in `pressure_for`.
 
-    Raises: ValueError for an observable that the scene does not have, and for numbers that cannot be meant.
+    Raises:
+        InputError: for an observable that the scene does not have, and for numbers that cannot be meant.
+
+    Source: own; the module says how errors are estimated.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.choose(sg.shell.Free(shell), 15 * kPa, tolerance=0.01).left_out
+        ()
     """
     if not isinstance(scene, Scene):
         raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
@@ -193,7 +243,16 @@ def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:
 
 
 class Reading(NamedTuple):
-    """What a rung says."""
+    """What one model of a ladder says.
+
+    Args:
+        value: the observable in SI, shape (1,), or (2,) for a point.
+        status: number of a `Status`.
+
+    Examples:
+        >>> sg.fidelity.Reading(np.array([0.1]), 0).status
+        0
+    """
 
     value: np.ndarray
     """The observable: one number, or a point's two."""
@@ -201,7 +260,23 @@ class Reading(NamedTuple):
 
 
 def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float) -> tuple[int, dict[int, float]]:
-    """(the first rung that meets the tolerance, the errors of all that were read); `read` solves a rung when asked."""
+    """The first model of a ladder that meets the tolerance, and the errors of all that were solved.
+
+    Args:
+        ladder: the models, cheapest first.
+        read: solves the model of an index when asked.
+        tolerance: largest relative error, dimensionless.
+
+    Returns:
+        The index of the model, and index -> estimated relative error.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> ladder = sg.fidelity.rungs(sg.shell.Free(shell), ["inflation"])
+        >>> said = [sg.fidelity.Reading(np.array([value]), 0) for value in (0.99, 1.0)]
+        >>> sg.fidelity.decide(ladder, said.__getitem__, tolerance=0.02)[0]
+        0
+    """
     last = len(ladder) - 1
     second = max((k for k in range(last) if not ladder[k].left_out), default=last)
     best, status = read(last)
@@ -234,12 +309,30 @@ def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float)
 
 
 def own_error(dearest: np.ndarray, second: np.ndarray, gain: float) -> float:
-    """A bound of the error of the dearest rung, absolute."""
+    """A bound of the absolute error of the dearest model, from what its last refinement changed.
+
+    Args:
+        dearest, second: values of the dearest two models, in SI, shape (n,).
+        gain: how much less the error of the dearest is at least, dimensionless.
+
+    Examples:
+        >>> print(f"{sg.fidelity.own_error(np.array([1.0]), np.array([1.16]), 16.0):.3f}")
+        0.010
+    """
     return float(np.linalg.norm(dearest - second) / gain + ROUNDING * np.linalg.norm(dearest))
 
 
 def error_of(value: np.ndarray, dearest: np.ndarray, own: float) -> float:
-    """The estimated relative error of a rung's value: a bound of |value - truth| / |truth| if `own` is one."""
+    """The estimated relative error of a model's value: a bound of |value - truth| / |truth| if `own` is one.
+
+    Args:
+        value, dearest: values of the model and of the dearest one, in SI, shape (n,).
+        own: bound of the absolute error of the dearest one, in SI.
+
+    Examples:
+        >>> print(f"{sg.fidelity.error_of(np.array([0.99]), np.array([1.0]), 0.0):.3f}")
+        0.010
+    """
     gap, size = float(np.linalg.norm(value - dearest)) + own, float(np.linalg.norm(dearest)) - own
     if gap == 0:  # nothing is touched: the force is zero on both rungs
         return 0.0
@@ -250,9 +343,18 @@ def error_of(value: np.ndarray, dearest: np.ndarray, own: float) -> float:
 
 
 def rungs(scene: Scene, observables: list[str]) -> list[Rung]:
-    """The ladder of a scene, cheapest first, without rungs that lack one of the observables.
+    """The model ladder of a scene, cheapest first, without models that lack one of the observables.
 
-    The last rung leaves nothing out and has the finest numerics.
+    The last model leaves nothing out and has the finest numerics.
+
+    Args:
+        scene: the given scene.
+        observables: names that every model must know.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> [rung.numerics for rung in sg.fidelity.rungs(sg.shell.Free(shell), ["inflation"])]
+        ['explicit', 'one angle']
     """
     kinds = {FingerScene: _finger, EnergyScene: _energy, ShellScene: _shell, pneunet.Chamber: _chamber}
     make = next((make for kind, make in kinds.items() if isinstance(scene, kind)), _alone)

@@ -51,7 +51,31 @@ SAME_PARAMETERS = 1e-2
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """A finished fit. Arrays of parameters are in the order of `fitting.space.names`, points in that of the curves."""
+    """A finished fit.
+
+    Arrays of parameters are in the order of `fitting.space.names`, arrays of points in that of the curves.
+
+    Args:
+        fitting: models, parameters and curves.
+        lane: the data with the weights and noises of the last fit; its `start` is where it ended.
+        predicted: what the models say there.
+        x: the parameters, in SI, shape (n,).
+        scales: a change of a parameter times its scale is in SI; log parameters scale with their value; shape (n,).
+        covariance: of the scaled parameters, dimensionless, shape (n, n).
+        cost: half the sum of squares of the weighted residuals, dimensionless.
+        steps: of the last fit.
+        notes: what was left out or looks odd, in sentences.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2) * (1 + 1e-3 * np.cos(9 * strain))
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> bool(fit.low[0] < 100 * kPa < fit.high[0])
+        True
+    """
 
     fitting: Fitting
     lane: FitMember
@@ -183,11 +207,34 @@ def calibrate(
     report: Tell = silent,
     canonical: Callable[[np.ndarray], np.ndarray] = lambda x: x,
 ) -> Fit:
-    """The best fit; `report` is told of every stage.
+    """The best fit of models to measured curves.
 
-    `canonical` gives parameters (SI) that describe the same model, such as terms of a sum in another order, one form.
+    It minimises the sum of squares of (model - measurement) / noise, with the loss of the fitting, from several starts
+    by Levenberg and Marquardt's method.
 
-    Raises: ValueError in one sentence where the data cannot give one.
+    Args:
+        fitting: models, parameters and curves.
+        starts: number of starts, the given parameters first.
+        seed: of the others, a Sobol set.
+        report: told of every stage.
+        canonical: gives parameters (SI) that describe the same model, such as terms of a sum in another order, one
+            form.
+
+    Returns:
+        The fit, with the covariance of its parameters.
+
+    Raises:
+        InputError: where the data cannot give a fit.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2)  # Treloar's uniaxial tension
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> print(f"{fit.x[0] / kPa:.4f} kPa")
+        100.0000 kPa
     """
     require_data(fitting)
     space = fitting.space

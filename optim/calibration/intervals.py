@@ -46,7 +46,34 @@ class Intervals:
 
 
 def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, report: Tell = silent) -> Intervals:
-    """The intervals by the named method; repeats and seed are of the bootstrap."""
+    """The 95 % intervals of fitted parameters.
+
+    Args:
+        fit: the fit.
+        method: "gauss_newton" (from the covariance), "profile" (of the likelihood) or "bootstrap".
+        repeats: fits of the bootstrap.
+        seed: of the bootstrap.
+        report: told of every stage.
+
+    Returns:
+        Their ends, in SI.
+
+    Raises:
+        InputError: for another method.
+
+    Source: Seber and Wild 2003; Efron and Tibshirani 1993.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2) * (1 + 1e-3 * np.cos(9 * strain))
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> ends = optim.intervals(fit, "gauss_newton")
+        >>> bool(ends.low[0] < 100 * kPa < ends.high[0])
+        True
+    """
     if method == "gauss_newton":
         return Intervals(method, fit.low, fit.high)
     if method == "bootstrap":

@@ -152,7 +152,27 @@ class _Marquardt(optx.LevenbergMarquardt):
 
 
 class Fitting:
-    """Models, their varied parameters, and the curves that they shall follow. Curves of one model share its solves."""
+    """Models, their varied parameters, and the curves that they shall follow.
+
+    Curves of one model share its solves.
+
+    Args:
+        models: scenes and tension tests by name.
+        variables: the parameters and their bounds.
+        curves: what was measured.
+        loss: "linear", or a robust one, see LOSSES.
+
+    Raises:
+        InputError: for an unknown loss, or a name that no model has.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, 100 * kPa * strain)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> fitting = optim.Fitting({"strip": strip}, [optim.Variable("material.mu", 10 * kPa, 1000 * kPa)], [curve])
+        >>> fitting.space.names
+        ['material.mu']
+    """
 
     def __init__(
         self,

@@ -59,9 +59,26 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
 def animate(
     scene: Scene, pressures: Any, file: str | Path, report: Callable[[int, int], None] = lambda k, n: None
 ) -> Path:
-    """Write a GIF of the scene at rising pressures (Pa), on one scale; states that do not exist are left out.
+    """Write a GIF of the scene at rising pressures, on one scale.
 
-    report: called with (frames drawn, frames) after each.
+    States that do not exist are left out.
+
+    Args:
+        scene: what to show.
+        pressures: Pa, shape (n,).
+        file: to write.
+        report: called with (frames drawn, frames) after each.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: where there is no state at any of the pressures.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.plots.animate(sg.shell.Free(shell), np.array([5 * kPa, 15 * kPa]), "shell.gif").name
+        'shell.gif'
     """
     file = Path(file)
     states = stills(scene, np.asarray(pressures, dtype=float))

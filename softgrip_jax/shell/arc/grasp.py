@@ -116,7 +116,7 @@ class Grasp(CylinderContact):
         >>> grasp = sg.shell.Grasp(shell, radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
         >>> held = sg.pressure_for(grasp)
         >>> print(f"{held.pressure / kPa:.2f} kPa, h = {held.height / mm:.2f} mm")  # thesis: 10.9 kPa, 33.7 mm
-        10.90 kPa, h = 33.72 mm
+        10.91 kPa, h = 33.72 mm
     """
 
     mass: Scalar = nonnegative("mass", default=0.0)
