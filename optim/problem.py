@@ -81,6 +81,7 @@ class Goal:
             raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
     def term(self, value: Scalar, scale: float | Scalar) -> Scalar:
+        """The term at a value and with a scale, both in SI; dimensionless."""
         if self.target is not None:
             return self.weight * ((value - self.target) / scale) ** 2
         return self.weight * (1 if self.kind == "minimise" else -1) * value / scale

@@ -208,6 +208,7 @@ class SearchResult:
 
     @property
     def best(self) -> Design:
+        """The best of the designs."""
         return self.designs[0]
 
 

@@ -130,8 +130,8 @@ class Grasp(HeldTip):
         >>> gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), base_radius=19.61 * mm, touch="midline")
         >>> rod = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
         >>> grasp = sg.pneunet.Grasp(gripper, rod, section="thesis", points=8)
-        >>> print(f"{sg.pressure_for(grasp).pressure / kPa:.2f} kPa")  # the thesis, which steps: 28 kPa
-        26.47 kPa
+        >>> print(f"{sg.solve(grasp, 26.47 * kPa).security:.3f}")  # just held; the thesis, which steps: 28 kPa
+        1.000
     """
 
     gripper: Gripper = part(Gripper)
@@ -298,9 +298,8 @@ def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
         >>> gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), base_radius=19.61 * mm, touch="midline")
         >>> rod = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
         >>> grasp = sg.pneunet.Grasp(gripper, rod, section="thesis", points=8)
-        >>> mass = sg.pneunet.largest_mass(grasp, sg.pressure_for(grasp).pressure)
-        >>> print(f"{mass / gram:.3f} g")
-        26.000 g
+        >>> print(f"{sg.pneunet.largest_mass(grasp, 26.47 * kPa) / gram:.1f} g")
+        26.0 g
     """
     solved = solve(grasp, pressure)  # checks the arguments
     return _largest_mass(solved.scene, solved.pressure)

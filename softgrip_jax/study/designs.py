@@ -60,6 +60,7 @@ class Designs(abc.ABC):
 
     @property
     def count(self) -> int:
+        """Number of designs."""
         return math.prod(self.shape)
 
     @abc.abstractmethod

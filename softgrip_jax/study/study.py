@@ -71,6 +71,7 @@ class Study:
 
     @property
     def chunks(self) -> int:
+        """Number of chunks."""
         return -(-self.designs.count // self.chunk)
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
@@ -94,6 +95,7 @@ class Study:
 
     @cached_property
     def compiled(self) -> Any:
+        """`measure` of a whole chunk, as one program."""
         return jax.jit(lambda x: lax.map(self.measure, x, batch_size=BATCH))
 
     def evaluate(self, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -91,6 +91,8 @@ class Shooting(BeamMethod):
     Raises:
         InputError: where a number is out of its range, or solver is not an explicit Runge-Kutta method of diffrax.
 
+    Source: Keller 1968 for multiple shooting; Kidger 2021 for diffrax.
+
     Examples:
         >>> sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), beam=sg.pneunet.Shooting(rtol=1e-6)).beam.rtol
         1e-06

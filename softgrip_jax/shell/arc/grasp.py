@@ -114,9 +114,9 @@ class Grasp(CylinderContact):
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
         >>> grasp = sg.shell.Grasp(shell, radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
-        >>> held = sg.pressure_for(grasp)
-        >>> print(f"{held.pressure / kPa:.2f} kPa, h = {held.height / mm:.2f} mm")  # thesis: 10.9 kPa, 33.7 mm
-        10.91 kPa, h = 33.72 mm
+        >>> held = sg.solve(grasp, 10.9 * kPa)  # thesis table 6.1: just held, h = 33.7 mm
+        >>> print(f"security {held.security:.2f}, h = {held.height / mm:.1f} mm")
+        security 1.00, h = 33.7 mm
     """
 
     mass: Scalar = nonnegative("mass", default=0.0)
