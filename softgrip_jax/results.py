@@ -1,4 +1,4 @@
-"""What comes back: a status for every lane, and a Solution with its observables in SI."""
+"""What comes back: a status for every scene of a batch, and a Solution with its observables in SI."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def in_units(value: Any, kind: str) -> str:
 
 
 def stop_gradient_where_failed(ok: Array, tree: PyTree) -> PyTree:
-    """The same values, but a lane that is not ok passes no derivative, forward or reverse, whatever happens inside."""
+    """The same values, but where `ok` is false no derivative passes, forward or reverse, whatever happens inside."""
     return jax.tree.map(lambda x: jnp.where(ok, x, jax.lax.stop_gradient(x)), tree)
 
 

@@ -100,8 +100,8 @@ def _relative(fit: Fit) -> np.ndarray:
 
 
 def _relative_jacobian(fit: Fit) -> np.ndarray:
-    sigma = np.asarray(fit.lane.sigma)[fit.fitting.of_curve]
-    return np.asarray(fit.predicted.slopes) * _relative(fit) * (np.sqrt(np.asarray(fit.lane.weight)) / sigma)[:, None]
+    sigma = np.asarray(fit.member.sigma)[fit.fitting.of_curve]
+    return np.asarray(fit.predicted.slopes) * _relative(fit) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
 
 
 def _directions(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,7 +24,7 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 
 from ..space import to_free
-from .fit import CONFIDENCE, Fit, run_lanes
+from .fit import CONFIDENCE, Fit, run_members
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
 
@@ -89,7 +89,7 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Inter
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
     if len(kept) < MIN_CONVERGED * repeats:
-        notes.append(f"Only {len(kept)} of {repeats} bootstrap fits settled: its intervals mean little.")
+        notes.append(f"Only {len(kept)} of {repeats} bootstrap fits converged: its intervals mean little.")
     if len(kept) < 2:
         nothing = np.full(draws.shape[1], np.nan)
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
@@ -98,19 +98,19 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Inter
 
 
 def bootstrap_fits(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> np.ndarray:
-    """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not settle."""
+    """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not converge."""
     fitting, rng = fit.fitting, np.random.default_rng(seed)
-    weight = np.asarray(fit.lane.weight)
+    weight = np.asarray(fit.member.weight)
     start = jnp.asarray(_start(fit, fit.x))
-    lanes = []
+    members = []
     for _ in range(repeats):
         drawn = np.zeros_like(weight)
         for k in range(len(fitting.curves)):
             own = np.flatnonzero((fitting.of_curve == k) & (weight > 0))
             if own.size:
                 drawn += np.bincount(rng.choice(own, own.size), minlength=len(weight))
-        lanes.append(fit.lane._replace(start=start, weight=jnp.asarray(drawn)))
-    ends = run_lanes(fitting, lanes, "bootstrap", report)
+        members.append(fit.member._replace(start=start, weight=jnp.asarray(drawn)))
+    ends = run_members(fitting, members, "bootstrap", report)
     return np.where(ends.converged[:, None], ends.x, np.nan)
 
 
@@ -166,12 +166,12 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
 def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:
     """sqrt(2 (cost - best)) with parameter j held at changes of its scaled value."""
     free = np.arange(fit.fitting.space.size) != j
-    lanes = []
+    members = []
     for change in changes:
         x = fit.shifted(np.where(free, 0.0, change))
         start = np.where(free, _start(fit, fit.x), np.asarray(to_free(fit.fitting.space.to_unit(x))))
-        lanes.append(fit.lane._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
-    added = np.asarray(run_lanes(fit.fitting, lanes).cost) - fit.cost
+        members.append(fit.member._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
+    added = np.asarray(run_members(fit.fitting, members).cost) - fit.cost
     return np.sqrt(2 * np.maximum(added, 0))
 
 

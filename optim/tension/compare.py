@@ -130,8 +130,8 @@ def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
     for window in windows:
         inside = curve.x <= window * (1 + 1e-9)
         if _points_inside(curve, window) >= LEAST_POINTS:
-            lane = fitting.lane(start, weight=jnp.asarray(inside.astype(float)))
-            fit = finished(fitting, with_noise(fitting, lane))
+            member = fitting.member(start, weight=jnp.asarray(inside.astype(float)))
+            fit = finished(fitting, with_noise(fitting, member))
             if fit.on_bound.any():
                 continue  # the least-squares mu is zero or negative: a slack specimen, or a load cell below its zero
             found.append(Window(window, float(fit.x[0]), float(fit.low[0]), float(fit.high[0])))

@@ -133,8 +133,9 @@ def friction_coefficient(friction: Any, force: Scalar) -> Scalar:
         mu_f, dimensionless.
 
     Examples:
-        >>> sg.objects.friction_coefficient(0.96, jnp.asarray(2.0))
-        0.96
+        >>> table = sg.objects.FrictionTable(force=[1.0, 3.0], coefficient=[1.5, 1.0])
+        >>> print(f"{sg.objects.friction_coefficient(table, jnp.asarray(2.0)):.2f}")
+        1.25
     """
     return friction(force) if isinstance(friction, Friction) else friction
 
@@ -152,7 +153,7 @@ def friction_force(friction: Any, force: Scalar) -> Scalar:
     Source: Coulomb's law.
 
     Examples:
-        >>> print(f"{sg.objects.friction_force(0.96, jnp.asarray(2.0)):.2f} N")
+        >>> print(f"{sg.objects.friction_force(jnp.asarray(0.96), jnp.asarray(2.0)):.2f} N")
         1.92 N
     """
     return friction_coefficient(friction, force) * force

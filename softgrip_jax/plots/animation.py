@@ -50,7 +50,7 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
     kept = jax.tree.map(lambda x: x[good], states)
     has_shape = type(scene).profile is not Scene.profile
     shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept) if has_shape else {}
-    # The batch has one scene per lane or one for all; a still needs its own.
+    # The batch has one scene per state or one for all; a still needs its own.
     single = [jax.tree.map(lambda x, k=k: x[k], (kept, shapes)) for k in range(good.size)]
     names = [field.name for field in dataclasses.fields(Solution)]
     return [Still(**{name: getattr(one, name) for name in names}, stored=shape) for one, shape in single]

@@ -276,7 +276,7 @@ def convergence(
         below.set_ylim(bottom=0)
         below.xaxis.set_major_locator(MaxNLocator(integer=True))
         below.set_xlabel("step")
-        below.set_ylabel("lanes")
+        below.set_ylabel("designs")
         below.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0, borderaxespad=0.1)
     return figure
 

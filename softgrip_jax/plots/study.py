@@ -52,7 +52,7 @@ def study(data: xr.Dataset) -> Figure:
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> walls = sg.study.Grid([[1.0 * mm, 1.1 * mm]])
+        >>> walls = sg.study.Grid([np.array([1.0, 1.1]) * mm])
         >>> data = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls).run()
         >>> len(sg.plots.study(data).axes)
         1

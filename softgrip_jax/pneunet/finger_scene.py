@@ -272,21 +272,21 @@ class FingerScene(PathScene):
         """A bound of the force along the beam from the external loads, N."""
         return jnp.zeros_like(self.finger.L)
 
-    def tip_loads(self, held: Scalar, share: Scalar) -> Loads:
+    def tip_loads(self, held: Scalar, load_factor: Scalar) -> Loads:
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def bend(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment) -> Bent:
+    def bend(self, unknowns: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from its unknowns. By collocation they are the curvatures L theta' at all points, each times the
         root of its weight, so that their norm is that of the curvature along the beam; by shooting see
         `shooting.segments_of`."""
         method = self.method()
         if isinstance(method, Shooting):
-            return self._shot(method, unknowns, held, share, pressure)
+            return self._shot(method, unknowns, held, load_factor, pressure)
         parts, points = self.chambers()
         widths = parts.high - parts.low
         curvature = self._at_points(unknowns)
-        cover, line = self.line(curvature, held, share, pressure)
+        cover, line = self.line(curvature, held, load_factor, pressure)
         turned = -widths * (curvature @ points.weights)
         active = self._active(parts, turned, pressure)
         gaps = materialised(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
@@ -303,13 +303,13 @@ class FingerScene(PathScene):
         inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.share * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
-    def cover(self, held: Scalar | None, share: Scalar, pressure: Any = None) -> Cover:
+    def cover(self, held: Scalar | None, load_factor: Scalar, pressure: Any = None) -> Cover:
         """What bends, and the loads on it; the pressure acts where the cell law is the section's."""
         law = self.law()
         if self.is_cell():
             parts, _ = self.chambers()
             law = jax.vmap(lambda chamber: cell_section(self.with_chamber(chamber), pressure))(parts.chamber)
-        return Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, share))
+        return Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, load_factor))
 
     def _cut(self, method: Shooting, unknowns: Array) -> tuple[Part, Points, Segments]:
         parts, points = self.chambers()
@@ -318,13 +318,13 @@ class FingerScene(PathScene):
         return parts, points, segments_of(method, parts, self.clamp(), own, coupled)
 
     def _shot(
-        self, method: Shooting, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+        self, method: Shooting, unknowns: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment
     ) -> Bent:
         """`bend` by shooting."""
         parts, _, segments = self._cut(method, unknowns)
         parallel = segments.last is None
         active = self._active(parts, jnp.zeros_like(parts.low) if parallel else segments.turned(), pressure)
-        cover = self.cover(held, share)
+        cover = self.cover(held, load_factor)
         arrived = shoot(method, cover, segments, active)
         turned = -jnp.diff(arrived.angles, prepend=self.clamp())
         return Bent(cover, parts, arrived, active, arrived.missed, turned)
@@ -361,11 +361,11 @@ class FingerScene(PathScene):
         return unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
 
     def line(
-        self, curvature: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+        self, curvature: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment
     ) -> tuple[Cover, Line]:
         """The beam with these curvatures under its loads; the pressure acts on it where the cell law is its law."""
         parts, points = self.chambers()
-        cover = self.cover(held, share, pressure)
+        cover = self.cover(held, load_factor, pressure)
         return cover, bend(cover, self.clamp(), parts, curvature, points)
 
     def margins_at_rest(self):
@@ -528,12 +528,12 @@ class FingerScene(PathScene):
             return pressure
         return Moment(end_moment(self.finger, pressure, jnp.zeros_like(self.finger.L)) / self.finger.moment_scale())
 
-    def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
+    def weights(self, load_factor: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""
         if self.weight is None:
             zero = jnp.zeros_like(self.finger.L)
             return zero, zero
-        scale = share * self.finger.L / self.finger.force_scale()
+        scale = load_factor * self.finger.L / self.finger.force_scale()
         return self.weight[0] * scale, self.weight[1] * scale
 
     def verified(self, found):
@@ -587,7 +587,7 @@ class FingerScene(PathScene):
         (turn, _, x, y), force = corrected(cover_of, held, tip, found, bent.active, tolerance)
         return jnp.max(jnp.abs(jnp.stack([turn, x, y, force])))
 
-    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar | Moment) -> Bent:
+    def bent(self, unknowns: Array, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""
         raise NotImplementedError
 

@@ -102,9 +102,9 @@ class Free(FingerScene):
         sizes = [jnp.sum(jnp.abs(force)) * length for force, length in loads if force is not None]
         return sum(sizes, jnp.zeros_like(self.finger.L))
 
-    def tip_loads(self, held, share):
-        tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
-        return Loads(tip[0], tip[1], *self.weights(share))
+    def tip_loads(self, held, load_factor):
+        tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * load_factor / self.finger.force_scale()
+        return Loads(tip[0], tip[1], *self.weights(load_factor))
 
     def is_resolved(self, unknowns):
         return jnp.asarray(True) if self.is_arcs() else super().is_resolved(unknowns)
@@ -118,13 +118,13 @@ class Free(FingerScene):
     def unloaded_state(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
-    def bent(self, unknowns, share, pressure):
-        return self.bend(unknowns, None, share, pressure)
+    def bent(self, unknowns, load_factor, pressure):
+        return self.bend(unknowns, None, load_factor, pressure)
 
-    def residual_and_observables(self, unknowns, share, pressure):
+    def residual_and_observables(self, unknowns, load_factor, pressure):
         if self.is_arcs():
             return self.arcs_residual_and_observables(unknowns, pressure)
-        bent = self.bent(unknowns, share, pressure)
+        bent = self.bent(unknowns, load_factor, pressure)
         inclination = opening(bent.parts.chamber.share * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 

@@ -227,8 +227,8 @@ class Grasp(HeldTip):
             raise InputError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def residual_and_observables(self, unknowns, share, pressure):
-        residual, observed = super().residual_and_observables(unknowns, share, pressure)
+    def residual_and_observables(self, unknowns, load_factor, pressure):
+        residual, observed = super().residual_and_observables(unknowns, load_factor, pressure)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])

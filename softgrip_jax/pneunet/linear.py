@@ -1,4 +1,4 @@
-"""The cheapest rung: a linear finger of constant curvature (the Euler-Bernoulli models of thesis table 1.1)."""
+"""The simplest model of a finger: linear, of constant curvature (the Euler-Bernoulli models of thesis table 1.1)."""
 
 from __future__ import annotations
 

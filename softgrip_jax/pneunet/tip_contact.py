@@ -99,21 +99,21 @@ class HeldTip(FingerScene):
     def held_at(self, x, angle):
         return self.offset_at(x * self.finger.L, angle) / self.finger.L
 
-    def tip_loads(self, held, share):
+    def tip_loads(self, held, load_factor):
         scale = self.finger.force_scale()
-        return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
+        return Loads(load_factor * self.pull() / scale, held * self.held_unit() / scale, *self.weights(load_factor))
 
     def held(self, unknowns):
         return unknowns[0]
 
-    def bent(self, unknowns, share, pressure):
-        return self.bend(unknowns[1:], unknowns[0], share, pressure)
+    def bent(self, unknowns, load_factor, pressure):
+        return self.bend(unknowns[1:], unknowns[0], load_factor, pressure)
 
-    def residual_and_observables(self, unknowns, share, pressure):
-        bent = self.bent(unknowns, share, pressure)
+    def residual_and_observables(self, unknowns, load_factor, pressure):
+        bent = self.bent(unknowns, load_factor, pressure)
         length = self.finger.L
         x, y = (end[-1] for end in bent.line.ends)
-        away = y - share * self.offset_at(x * length, bent.line.angles[-1]) / length
+        away = y - load_factor * self.offset_at(x * length, bent.line.angles[-1]) / length
         observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
         n = len(bent.gaps)  # put together by products: of what is concatenated XLA computes entry by entry
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed

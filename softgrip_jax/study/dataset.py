@@ -35,7 +35,7 @@ def labelled(study: Any, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Data
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> walls = sg.study.Table([[1.1 * mm]])
+        >>> walls = sg.study.Table(np.array([[1.1 * mm]]))
         >>> study = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls)
         >>> arrays = {"values": np.array([[13.4 * mm]]), "statuses": np.array([[0]]), "reasons": np.array([[0]])}
         >>> sg.study.labelled(study, walls.rows(0, 1), arrays).inflation_at_15_kPa.attrs["units"]

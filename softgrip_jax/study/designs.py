@@ -50,7 +50,7 @@ class Designs(abc.ABC):
     `columns`.
 
     Examples:
-        >>> isinstance(sg.study.Grid([[1.0, 2.0]]), sg.study.Designs)
+        >>> isinstance(sg.study.Grid([np.array([1.0, 2.0])]), sg.study.Designs)
         True
     """
 
@@ -78,7 +78,7 @@ class Grid(Designs):
         InputError: where an axis is empty.
 
     Examples:
-        >>> sg.study.Grid([[1.0, 2.0], [5.0, 6.0, 7.0]]).rows(2, 4).tolist()
+        >>> sg.study.Grid([np.array([1.0, 2.0]), np.array([5.0, 6.0, 7.0])]).rows(2, 4).tolist()
         [[1.0, 7.0], [2.0, 5.0]]
     """
 
@@ -187,7 +187,7 @@ class Table(Designs):
         InputError: where the table is empty.
 
     Examples:
-        >>> sg.study.Table([[1.0, 5.0], [2.0, 6.0]]).count
+        >>> sg.study.Table(np.array([[1.0, 5.0], [2.0, 6.0]])).count
         2
     """
 

@@ -44,7 +44,7 @@ class Study:
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> walls = sg.study.Grid([[1.0 * mm, 1.1 * mm]])
+        >>> walls = sg.study.Grid([np.array([1.0, 1.1]) * mm])
         >>> study = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls)
         >>> data = study.run()
         >>> print(f"{float(data.inflation_at_15_kPa[1]) / mm:.4f} mm")

@@ -188,7 +188,7 @@ def _exact_stretch(m, n):
         r2, _, eta2, _ = _squares(stretch, m, n)
         return jnp.where(stretch**3 * (stretch - n) > 1, r2 - eta2, -1.0)
 
-    # An empty bracket costs no iteration: none at all, also under vmap, where every lane is done.
+    # An empty bracket costs no iteration: none at all, also under vmap, where every member of the batch is done.
     low = jnp.maximum(n, 0.0)
     careful = bracketed_root(mismatch, low, jnp.where(done, low, low + LARGEST_STRETCH)).x
     return jnp.where(done, stretch, careful)

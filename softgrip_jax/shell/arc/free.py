@@ -1,4 +1,4 @@
-"""Free inflation of the shell: the finite-strain arc model, and the infinitesimal plate law as the cheap rung."""
+"""Free inflation of the shell: the finite-strain arc model, and the plate law of small deflections."""
 
 from __future__ import annotations
 

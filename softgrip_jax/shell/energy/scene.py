@@ -64,7 +64,7 @@ class EnergyScene(Scene):
         """Coefficients and contact pressures."""
         return unknowns[: self.functional.size], unknowns[self.functional.size :]
 
-    def rest(self) -> Vector:
+    def unloaded_state(self) -> Vector:
         """The unknowns of the flat membrane."""
         count = self.functional.size + self.functional.contacts(self)
         return jnp.zeros_like(self.shell.a, shape=(count,))
@@ -80,7 +80,7 @@ class EnergyScene(Scene):
     def first_guess(self, load: Scalar) -> Vector:
         """A cap: what the small-deflection law (2.1) of a square gives, with the first polynomial of w alone."""
         height = self.functional.height_of_first()
-        return self.rest().at[sum(self.functional.sizes[:2])].set(load / (3 * 2.5) ** (1 / 3) / height)
+        return self.unloaded_state().at[sum(self.functional.sizes[:2])].set(load / (3 * 2.5) ** (1 / 3) / height)
 
     def _load(self, pressure: Scalar) -> tuple[Array, Scalar]:
         """Whether the scene can be at this pressure, and the load."""
@@ -102,7 +102,7 @@ class EnergyScene(Scene):
     def find_by(self, pressure: Scalar, largest: float) -> Found:
         """`find` by load steps of at most `largest`."""
         load = self._load(pressure)[1]
-        met = self.follow(self.rest(), jnp.zeros_like(load), self.first_guess(load), load, largest)
+        met = self.follow(self.unloaded_state(), jnp.zeros_like(load), self.first_guess(load), load, largest)
         return self._labelled(met, pressure)
 
     def find_from(
@@ -129,7 +129,7 @@ class EnergyScene(Scene):
 
         fixed = frozen(self)
         one = jnp.ones_like(pressures[0])
-        start = fixed.rest(), jnp.zeros_like(one), fixed.first_guess(one)
+        start = fixed.unloaded_state(), jnp.zeros_like(one), fixed.first_guess(one)
         _, found = lax.scan(next_one, start, lax.stop_gradient(pressures))
         return jax.vmap(lambda found, pressure: self._solution(found._replace(pressure=pressure)))(found, pressures)
 
@@ -185,7 +185,7 @@ class EnergyScene(Scene):
 @custom_vmap
 def _find(scene: EnergyScene, load: Scalar) -> Minimum:
     """The minimum at `load` on the branch that begins at the flat membrane."""
-    return scene.follow(scene.rest(), jnp.zeros_like(load), scene.first_guess(load), load)
+    return scene.follow(scene.unloaded_state(), jnp.zeros_like(load), scene.first_guess(load), load)
 
 
 @_find.def_vmap

@@ -81,11 +81,11 @@ def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found
 
     def begun(last):
         return (
-            scene.rest(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
+            scene.unloaded_state(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
             zero + FIRST_LOAD, jnp.asarray(0), last, jnp.asarray(0),
         )  # fmt: skip
 
-    nothing = Found(scene.rest(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
+    nothing = Found(scene.unloaded_state(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
     shapes = jax.eval_shape(lambda last: step(begun(last))[9], nothing)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
