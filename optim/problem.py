@@ -63,7 +63,7 @@ class Goal:
 
     Examples:
         >>> goal = optim.Goal("reach", optim.Quantity("inflation", at=15 * kPa), target=12 * mm)
-        >>> print(f"{goal.term(9 * mm, 12 * mm):.4f}")  # (1/4)^2
+        >>> print(f"{goal.term(jnp.asarray(9 * mm), 12 * mm):.4f}")  # (1/4)^2
         0.0625
     """
 

@@ -211,7 +211,7 @@ def _require_margin(quantity: Quantity, scene: Scene) -> None:
     """A ValueError where a scene has no such margin in that state."""
     rule, kind = quantity.rule, type(scene).__name__
     if rule not in RULE_NAMES:
-        raise InputError(f"There is no rule {rule!r}, of which to ask the margin; there are {', '.join(RULE_NAMES)}.")
+        raise InputError(f"There is no rule {rule!r}; the rules are {', '.join(RULE_NAMES)}.")
     if quantity.at == AT_REST:
         return
     if quantity.at is None:

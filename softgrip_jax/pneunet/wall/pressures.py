@@ -60,7 +60,7 @@ def chamber(
     if model not in ("finite", "small"):
         raise InputError(f"model is {model!r}; it must be 'finite' or 'small'.")
     if model == "small" and not (is_concrete(to_float_array(inclination)) and jnp.all(inclination == 0)):
-        raise InputError("The small-strain chamber knows no inclination: it must be 0.")
+        raise InputError("The inclination is not 0; walls of small strain cannot incline.")
 
     def one(finger, inclination):
         if model == "small":
