@@ -189,13 +189,13 @@ def _find(scene: EnergyScene, load: Scalar) -> Minimum:
 
 
 @_find.def_vmap
-def _find_lanes(axis_size, is_batched, *lanes):
-    met = batches.one_after_other(_find, axis_size, tuple(is_batched), lanes)
+def _find_batch(axis_size, is_batched, *members):
+    met = batches.one_after_other(_find, axis_size, tuple(is_batched), members)
     return met, jax.tree.map(lambda _: True, met)
 
 
-# In a batch one lane is found after the other: on a CPU a lane alone makes better use of matrix products, and does not
-# wait for others.
+# The members of a batch are solved one after the other: on a CPU one alone makes better use of matrix products, and
+# does not wait for others.
 @sequential_vmap
 def _follow(
     scene: EnergyScene, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar
