@@ -44,7 +44,7 @@ def public():
     """name -> object, for every class and function that a public module shows."""
     found: dict[str, Any] = {}
     seen = set()
-    for module in PUBLIC:
+    for module in ("softgrip_jax", *PUBLIC):
         for name in dir(importlib.import_module(module)):
             value = getattr(importlib.import_module(module), name)
             if (inspect.isclass(value) or inspect.isroutine(value)) and id(value) not in seen:
@@ -166,11 +166,22 @@ def source_of(function):
         return ""
 
 
+def called_by(function, known):
+    """A function and those of its own file that it calls, directly or not."""
+    known.add(function)
+    around = vars(inspect.getmodule(function))
+    for name in inspect.unwrap(function).__code__.co_names:
+        one = around.get(name)
+        if inspect.isfunction(one) and one.__module__ == function.__module__ and one not in known:
+            called_by(one, known)
+    return known
+
+
 def raises(value):
     """Whether the source of a function, or of what makes an object, raises an error of the user's."""
     error = re.compile(r"raise (Input|JoinedRule|Config)Error")
     if not inspect.isclass(value):
-        return bool(error.search(source_of(value)))
+        return any(error.search(source_of(one)) for one in called_by(value, set()))
     if inspect.isabstract(value):
         return False
     if issubclass(value, Checked) and any({"rule", "types"} & f.metadata.keys() for f in fields_of(value).values()):

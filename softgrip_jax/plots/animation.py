@@ -77,7 +77,7 @@ def animate(
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> sg.plots.animate(sg.shell.Free(shell), np.array([5 * kPa, 15 * kPa]), "shell.gif").name
+        >>> sg.plots.animate(sg.shell.Free(shell), np.array([5, 15, 25]) * kPa, "shell.gif").name
         'shell.gif'
     """
     file = Path(file)

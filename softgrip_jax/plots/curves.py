@@ -103,7 +103,7 @@ def curve_of(curve: Solution, observable: str, limit: float | None = None) -> Fi
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> states = sg.path(sg.shell.Free(shell), [5 * kPa, 15 * kPa])
+        >>> states = sg.path(sg.shell.Free(shell), [5 * kPa, 15 * kPa, 25 * kPa])
         >>> sg.plots.curve_of(states, "inflation").axes[0].get_ylabel()
         'inflation (mm)'
     """

@@ -206,9 +206,10 @@ class AxialOffset(CylinderContact):
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> offset = sg.solve(sg.shell.AxialOffset(shell, radius=20 * mm, gap=5 * mm, height=40 * mm), 15 * kPa)
-        >>> print(f"{(offset.flat_length_far + offset.flat_length_near) / mm:.4f} mm")  # twice e of the symmetric state
-        12.6098 mm
+        >>> offset = sg.shell.AxialOffset(shell, radius=20 * mm, gap=5 * mm, height=40 * mm)
+        >>> far, near = offset.flat_lengths(offset.state(jnp.asarray(0.594327)))  # theta_c at 15 kPa
+        >>> print(f"{far / mm:.3f} mm + {near / mm:.3f} mm")  # twice e of the symmetric state, 6.305 mm
+        9.305 mm + 3.305 mm
     """
 
     height: Scalar = positive("length")
