@@ -40,7 +40,7 @@ LIMIT_PRESSURE = "limit_pressure"
 LIMIT_MARGIN = "limit_margin"
 SHAPE = "shape"
 MARGINS = "margins."
-"""Before the name of a rule: its margin."""
+"""It stands before the name of a rule whose margin is meant."""
 AT_REST = "rest"
 """The state of the margins that undeformed parts have."""
 
@@ -48,7 +48,7 @@ NO_LIMIT_MARGIN = 1e6
 """`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
 
 SHAPE_POINTS = 101
-"""Points of a shape; straight between two of them: 1e-4 of the length for a finger curled to a circle."""
+"""Points of a shape, straight between two of them: a finger that is curled to a circle loses 1e-4 of its length."""
 
 
 @dataclasses.dataclass(frozen=True)

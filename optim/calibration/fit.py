@@ -31,7 +31,7 @@ from ..space import to_free, to_unit
 from .model import FitMember, Fitted, Fitting, Predicted
 
 CONFIDENCE = 0.95
-"""Of every interval."""
+"""Confidence of every interval."""
 
 STARTS = 8
 """Fits that are tried: from the values as given, and from a Sobol set between the bounds."""

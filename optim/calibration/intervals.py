@@ -29,10 +29,10 @@ from .fit import CONFIDENCE, Fit, run_members
 METHODS = ("gauss_newton", "bootstrap", "profile")
 
 REPEATS = 1000
-"""Bootstrap fits: the ends of a 95 % interval then stand on 25 fits each."""
+"""With so many bootstrap fits the ends of a 95 % interval stand on 25 fits each."""
 
 MIN_CONVERGED = 0.9
-"""Of the bootstrap fits: with fewer the percentiles mean little, and the report says so."""
+"""Where fewer than this part of the bootstrap fits converge, the percentiles mean little, and the report says so."""
 
 
 @dataclasses.dataclass(frozen=True)

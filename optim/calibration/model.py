@@ -334,10 +334,10 @@ class Fitting:
 
 
 START_NOISE = 1e-2
-"""Of the size of a curve: where the estimate of a noise begins."""
+"""The estimate of a noise begins at this part of the size of its curve."""
 
 LEAST_NOISE = 1e-6
-"""Of the size of a curve: no estimated noise is smaller, as for numbers that were computed and not measured."""
+"""No estimated noise is smaller than this part of the size of its curve; numbers that were computed have none."""
 
 NORMAL_MAD = 1.4826
 """Standard deviation over median absolute deviation, normal noise."""

@@ -19,13 +19,13 @@ from ..space import to_free
 from .test import Softening, Tension, candidate, softening
 
 COMPARED = (25.0, 50.0, 100.0, 200.0, 400.0)
-"""Percent: windows in which mu is compared, where a config names none."""
+"""Windows of strain, in percent, in which mu is compared where a config names none."""
 
 DEPENDS = 1.2
-"""mu that differs by more than this factor between windows depends on the window."""
+"""A mu that differs by more than this factor between windows depends on the window."""
 
 STARTS = 16
-"""Several exponents of an Ogden material fit nearly as well: more starts than for a scene."""
+"""Starts of a fit. There are more than for a scene, since several exponents of an Ogden material fit nearly as well."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -161,4 +161,4 @@ def _require_points(curve: Curve, inside: np.ndarray, window: float) -> None:
 
 
 SOFT, STIFF = 1e3, 20e6
-"""Pa: shear moduli of the softest gels and the hardest rubbers."""
+"""Shear moduli of the softest gels and the hardest rubbers, Pa."""

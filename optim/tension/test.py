@@ -164,7 +164,7 @@ BEYOND = 2.0
 """Stability is looked at up to this many times the largest strain of the window."""
 
 CHECKED = 400
-"""Stretches that are looked at."""
+"""Number of stretches that are looked at."""
 
 
 class Softening(NamedTuple):

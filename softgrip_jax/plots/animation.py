@@ -26,7 +26,7 @@ POINTS = 301
 DOTS_PER_INCH = 110
 FRAMES_PER_SECOND = 12
 MARGIN = 0.04
-"""Of a view's width, for words beside what is drawn."""
+"""So much of a view's width is left for words beside what is drawn."""
 HOLD = 12
 """Frames that the last state stays: one second."""
 

@@ -12,15 +12,15 @@ from matplotlib.figure import Figure
 from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 
 MARKS = "osD^vP*X<>"
-"""Of specimens, in their order."""
+"""Marks of the specimens, in their order."""
 
 LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (8, 3)))
 SKY = "#56B4E9"
-"""Of several fitted lines."""
+"""Colour of the last of several fitted lines."""
 
 
 HEADROOM, FOOTROOM = 0.5, 0.1
-"""Of the range of the data: as far as a line is shown above and below them."""
+"""A line is shown above and below the data by these parts of their range."""
 
 
 class Points(NamedTuple):

@@ -34,7 +34,7 @@ HATCHES = {
 }
 HATCH_FACE, HATCH_EDGE = "#F2F2F2", "#9A9A9A"
 PANEL_HEIGHT = 2.3
-"""Inches."""
+"""Height of a panel, inches."""
 
 
 def study(data: xr.Dataset) -> Figure:
@@ -244,7 +244,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
 LINES_DRAWN = 400
 """Designs in a picture with parallel axes: more lines hide each other."""
 TICKS = 5
-"""On each parallel axis."""
+"""Marks on each parallel axis."""
 LONGEST = 14
 """Letters in a line under a parallel axis."""
 

@@ -73,8 +73,8 @@ class ShellScene(CurveScene):
     """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""
 
     NO_END: ClassVar[float] = 1e6
-    """Of such a state the pressure has no limit where it is beyond so many mu t_m / a at the last angle; below that the
-    angle's end is the model's end (Ogden's alpha just above 3: p grows with the stretch to the power alpha - 3)."""
+    """Such a state has no limit where its pressure at the last angle is more than so many mu t_m / a. Where it is less,
+    the model ends at the last angle (Ogden's alpha just above 3: p grows with the stretch to the power alpha - 3)."""
 
     def __check_init__(self) -> None:
         if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:

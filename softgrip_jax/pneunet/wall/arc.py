@@ -27,7 +27,7 @@ Scalar = Float[Array, ""]
 START = 1e-3
 """The search for the wall's angle starts at this part of the angle of first contact: the wall is flat there."""
 LEAST_ANGLE = 1e-6
-"""... but not at zero, for chambers without a gap: at this angle the pressure is 1e-18 mu t_m / a."""
+"""The search does not start at zero, for chambers without a gap: at this angle the pressure is 1e-18 mu t_m / a."""
 
 
 class Chamber(CurveScene):

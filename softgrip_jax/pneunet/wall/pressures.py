@@ -23,7 +23,7 @@ from .arc import LEAST_ANGLE, Chamber, Scalar, within
 from .small_strain import SmallStrainChamber
 
 NO_PRESSURE = 1e-15
-"""Of the largest pressure: a wall under less is flat."""
+"""A wall under less than this part of the largest pressure counts as flat."""
 SLOWER = 0.08
 """With this the cubic law is good to 1 % of the angle up to one radian."""
 

@@ -16,8 +16,8 @@ FREE_END = jnp.pi * (1 - 1e-9)
 
 
 LARGEST_INFLATION = 10.0
-"""Half widths: as large as a branch is drawn, several times the actuator. A membrane that does not stiffen would go on
-for ever at almost no pressure, and one that stiffens late at almost the same pressure."""
+"""A branch is drawn up to this inflation, in half widths. A membrane that does not stiffen would go on for ever at
+almost no pressure, and one that stiffens late would go on at almost the same pressure."""
 
 
 class Free(ShellScene):

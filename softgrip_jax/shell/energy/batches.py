@@ -28,11 +28,11 @@ BESIDE = 0.3
 CLOSE = 0.2
 """Members whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
 FAR = 3.0
-"""In standard deviations: beyond, a member counts as here."""
+"""A number that is further from the mean, in standard deviations, counts as this far."""
 MOST = 24
-"""Numbers over which is fitted: beyond, a fit costs more than it saves."""
+"""The fit is over at most so many numbers: with more it costs more than it saves."""
 PRIOR = 0.01
-"""Weight, in members, of slopes being zero: few members determine no slopes."""
+"""Slopes of zero weigh as much as so many members: few members determine no slopes."""
 
 
 class _Known(NamedTuple):

@@ -19,7 +19,7 @@ from .basis import Vector
 from .seek import FIRST_LOAD, LARGEST_LOAD
 
 BRANCH = 2.0
-"""Where a drawn branch ends: twice as far from the flat membrane as the limit point."""
+"""A drawn branch ends so many times as far from the flat membrane as the limit point."""
 REACH = 0.1
 """Largest step towards a limit point, in unknowns of order one."""
 CLOSE = 1e-5

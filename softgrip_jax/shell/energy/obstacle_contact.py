@@ -223,7 +223,7 @@ comes nearest at an edge or a corner, as tilted planes and rods do, is met exact
 SYMMETRIC = 1e-9
 """Mirrored distances that differ by less than this, in a, are the same."""
 HEIGHTS = (0.0, 0.5, 1.0)
-"""In a: where an object is compared with its mirror image, over every contact point."""
+"""Heights over every contact point, in a, at which an object is compared with its mirror image."""
 _ACROSS, _ALONG = np.array([-1, 1, 1]), np.array([1, -1, 1])
 MIRRORS = {"across": (_ACROSS,), "along": (_ALONG,), "both": (_ACROSS, _ALONG)}
 """Symmetry -> what a place is multiplied by."""

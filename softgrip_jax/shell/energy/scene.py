@@ -23,7 +23,7 @@ from .basis import Grid, Vector
 from .functional import Functional, functional, rho
 
 LARGEST_STEP = 1.3
-"""Of the cube root of p a / (mu t_m), in proportion to which the membrane rises: about two thirds of the half width."""
+"""The largest step of the load, the cube root of p a / (mu t_m). The membrane rises by two thirds of the half width."""
 
 
 class EnergyScene(Scene):

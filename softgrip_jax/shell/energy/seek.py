@@ -16,7 +16,7 @@ from ..flat_shell import Scalar
 from .basis import Vector
 
 LARGEST_LOAD = 4.0
-"""Cube root of the largest p a / (mu t_m) that is looked at, 64: three times beyond any measured shell."""
+"""Cube root of the largest p a / (mu t_m) that is looked at: 64 is three times more than any measured shell had."""
 FIRST_LOAD, GROWTH = 0.3, 1.5
 """The first cube root that is tried, and its growth until the wanted state is passed."""
 SEEK_STEPS, MEETS = 60, 2e-13
