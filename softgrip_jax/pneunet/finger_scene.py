@@ -168,16 +168,16 @@ class FingerScene(PathScene):
     Args:
         section: law of the cover: "exact", "thesis" or "inextensible".
         inclination: how the chambers' walls incline as the finger bends (thesis algorithm 5): "segment", theta_s =
-            theta' (2 h_x + h_L) / 2, half the angle between adjacent chambers; "gap", theta_s = theta' h_x, the turn
-            over the gap alone; "none", theta_s = 0.
+            theta' (2 h_x + h_L) / 2, half the angle between adjacent chambers, "gap", theta_s = theta' h_x, the turn
+            over the gap alone, or "none", theta_s = 0.
         drive: what pushes the finger: "thesis", arcs in the walls and M_T of (4.39) on a bare cover, the thesis's
-            model; "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
+            model, or "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
             together, at every point of the beam. With it section and inclination have no part, and end_moment is that
             of a straight segment at the tip. The forces of the two differ by a factor of about four:
             docs/theory/cell.md.
         moment_spread: of the drive "thesis": "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)).
         loading: the way on which a state is reached, which decides which one it is: "first", weight and pulls grow from
-            nothing to their full size, then the pressure; "proportional", weight, pulls and tip offset grow in
+            nothing to their full size, then the pressure, or "proportional", weight, pulls and tip offset grow in
             proportion to the pressure. A light finger arrives at the same state; one that is too heavy to be held
             without pressure may be held with it. Questions without a pressure of their own (`limit_pressure`,
             `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.

@@ -38,13 +38,13 @@ class Free(FingerScene):
 
     Args:
         finger: the actuator.
-        weight: (g_x, g_y), N/m, shape (2,); (0, 0) for none. The default is the thesis's horizontal finger.
-        tip_load: (F_x, F_y) on the tip, N, shape (2,).
+        weight: (g_x, g_y), N/m, (0, 0) for none; shape (2,). The default is the thesis's horizontal finger.
+        tip_load: (F_x, F_y) on the tip, N; shape (2,).
         clamp_angle: theta(0), rad: the finger's direction at the clamp (weight keeps its own).
         section: law of the cover, "exact", "thesis" or "inextensible".
-        inclination: how the walls incline as the finger bends: "segment", theta_s = theta' (2 h_x + h_L) / 2; "gap",
-            theta_s = theta' h_x; "none".
-        combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
+        inclination: how the walls incline as the finger bends: "segment", theta_s = theta' (2 h_x + h_L) / 2, "gap",
+            theta_s = theta' h_x, or "none".
+        combination: "sum", one beam with the chambers' moment and the weight together, or "larger", the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
         points: Gauss points along the beam, at least 3 in each of several parts.
         beam, drive, moment_spread, loading: as in FingerScene.

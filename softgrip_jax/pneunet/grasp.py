@@ -110,7 +110,7 @@ class Grasp(HeldTip):
         tip_offset: y_c of the tip's mid-line, m, where it is known; by default it follows from the object's radius.
         stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
             that taper, whose radius is taken at the height of the tip.
-        weight: (g_x, g_y) of the finger, N/m, shape (2,); the default hangs the thesis's finger.
+        weight: (g_x, g_y) of the finger, N/m; shape (2,). The default hangs the thesis's finger.
         section, inclination, points, beam, drive, moment_spread, loading: as in TipContact.
 
     Observables:

@@ -146,12 +146,12 @@ class TipContact(HeldTip):
         finger: the actuator.
         tip_offset: y_c, the y at which the tip is held, m; negative is further along the bending.
         tip_pull: H_ext, force on the tip along +x, N.
-        weight: (g_x, g_y), N/m, shape (2,); None or (0, 0) for none.
+        weight: (g_x, g_y), N/m, None or (0, 0) for none; shape (2,).
         section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
         points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
             known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
             for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
-        hold: "both", the tip is held from both sides, as in the thesis's test stand, and a negative tip_force pulls;
+        hold: "both", the tip is held from both sides, as in the thesis's test stand, and a negative tip_force pulls, or
             "press", the tip leans on a face and nothing can pull. NO_CONTACT then says that only a pull would keep it
             there, with the force that is missing as its detail.
         beam: how the beam's equations are solved, Collocation(points=16) by default, or Shooting(...), see there.

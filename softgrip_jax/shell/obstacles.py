@@ -74,8 +74,8 @@ class Plane(Obstacle):
 
     Args:
         height: where the plane crosses the z axis, m.
-        tilt_x, tilt_y: rad; its normal, which points away from the membrane, is z turned by tilt_x about x and then by
-            tilt_y about y.
+        tilt_x, tilt_y: turns of its normal from z, by tilt_x about x and then by tilt_y about y, rad; the normal points
+            away from the membrane.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
@@ -100,8 +100,9 @@ class Cylinder(Obstacle):
         radius: of the cylinder, m.
         gap: z of the point of its surface next to the membrane, above (offset_x, offset_y), m.
         offset_x, offset_y: where that point is, m.
-        heading: of its axis from x (across the membrane, the thesis's posture) towards y (pi/2: along it), rad.
-        incline: by which the axis then rises towards its heading, about its point above (offset_x, offset_y), rad.
+        heading: turn of its axis from x (across the membrane, the thesis's posture) towards y (along it), rad.
+        incline: angle by which the axis then rises towards its heading, about its point above the place of contact,
+            rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
