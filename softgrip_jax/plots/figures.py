@@ -230,18 +230,24 @@ BESIDE, ABOVE = 22, 38
 
 
 def convergence(
-    history: Mapping[str, np.ndarray], label: str = "best objective", title: str = "", finished: float | None = None
+    history: Mapping[str, np.ndarray],
+    label: str = "best objective",
+    title: str = "",
+    finished: float | None = None,
+    paths: np.ndarray | None = None,
 ) -> Figure:
     """How a search went, step by step.
 
-    Above, the best objective so far and once finished; below, how many batch members have an equilibrium, are feasible,
-    still move.
+    Above, the best objective so far and once finished; below, how many designs have an equilibrium, are feasible, still
+    move.
 
     Args:
         history: best_objective, with_equilibrium, feasible and moving, each of shape (steps,), dimensionless.
         label: of the objective.
         title: above the figure.
         finished: the best objective in the end, dimensionless.
+        paths: the objective of every design at every step, dimensionless, shape (steps, designs); NaN where it is not
+            feasible.
 
     Examples:
         >>> steps = np.arange(1, 4)
@@ -256,6 +262,8 @@ def convergence(
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1])
         # A search of few steps is points rather than lines.
         marker = "o" if len(best) < FEW_STEPS else None
+        if paths is not None and np.size(paths):
+            above.plot(steps, paths, color="0.6", linewidth=0.4, alpha=0.35, rasterized=True, zorder=0)
         above.plot(steps, best, color=BLUE, marker=marker)
         if finished is not None:
             above.plot(len(best) + 1, finished, "o", color=VERMILION)
