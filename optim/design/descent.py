@@ -278,6 +278,10 @@ class SearchResult:
         solves: designs evaluated, each with its derivatives.
         seconds: by stage, s.
         stopped: by Ctrl-C: the designs are the best until then, and not finished.
+        paths: the objective of every start at every step, dimensionless, shape (steps, starts); NaN where it is not
+            (nearly) feasible.
+        descended: the objective of the best feasible design before the finish, dimensionless.
+        reached: how many starts ended near each of the designs.
         remarks: what scales the goals where the starting design does not, see `Scaling`.
 
     Examples:
