@@ -72,7 +72,7 @@ def section(value, title):
         elif inside and line and not line.startswith(" "):
             inside = False
         elif inside and line.strip():
-            head = re.match(r"    ([\w, ]+?): (.*)", line)
+            head = re.match(r"    (?:- )?([\w, ]+?): (.*)", line)
             if head and not line.startswith("     "):
                 current = head[1]
                 for name in current.split(", "):

@@ -50,10 +50,10 @@ class Free(FingerScene):
         beam, drive, moment_spread, loading: as in FingerScene.
 
     Observables:
-        tip: (x, y), m, shape (2,); the finger bends towards -y.
-        tip_angle: turn of the tip, rad, positive in the bending direction.
-        end_moment: M_T, N m, positive in the bending direction.
-        inclination: mean theta_s of the chambers, rad.
+        - tip: (x, y), m, shape (2,); the finger bends towards -y.
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - inclination: mean theta_s of the chambers, rad.
 
     Raises:
         InputError: where a field breaks its rule, or choices exclude each other (outside of jit).

@@ -114,12 +114,12 @@ class Grasp(HeldTip):
         section, inclination, points, beam, drive, moment_spread, loading: as in TipContact.
 
     Observables:
-        tip_force: of each tip on the object, N.
-        required_force: F_ext, N; inf where no force does it.
-        security: mu_f(F) F over the load, dimensionless: 1 is just held.
-        tip: (x, y) of the mid-line's end, m, shape (2,).
-        tip_angle: turn of the tip, rad, positive in the bending direction.
-        end_moment: M_T, N m, positive in the bending direction.
+        - tip_force: of each tip on the object, N.
+        - required_force: F_ext, N; inf where no force does it.
+        - security: mu_f(F) F over the load, dimensionless: 1 is just held.
+        - tip: (x, y) of the mid-line's end, m, shape (2,).
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
 
     Raises:
         InputError: where a field breaks its rule, or stand_distance is missing (outside of jit).

@@ -23,10 +23,10 @@ class Linear(SmallStrainChamber):
         finger: a uniform finger.
 
     Observables:
-        tip: (x, y) of the free finger, m, shape (2,).
-        tip_angle: phi, rad.
-        tip_force: of the blocked finger, N.
-        end_moment: M_T, N m.
+        - tip: (x, y) of the free finger, m, shape (2,).
+        - tip_angle: phi, rad.
+        - tip_force: of the blocked finger, N.
+        - end_moment: M_T, N m.
 
     Raises:
         InputError: for a finger with segments.

@@ -158,10 +158,10 @@ class TipContact(HeldTip):
         drive, moment_spread, loading: as in FingerScene.
 
     Observables:
-        tip_force: Lambda, N, positive when the tip pushes towards -y on what holds it.
-        tip: (x, y), m, shape (2,).
-        tip_angle: turn of the tip, rad, positive in the bending direction.
-        end_moment: M_T, N m, positive in the bending direction.
+        - tip_force: Lambda, N, positive when the tip pushes towards -y on what holds it.
+        - tip: (x, y), m, shape (2,).
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
 
     Raises:
         InputError: where a field breaks its rule, or choices exclude each other (outside of jit).

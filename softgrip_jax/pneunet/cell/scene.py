@@ -31,12 +31,12 @@ class Cell(CurveScene):
         axial_force: N on the whole segment, at the cover's mid-height, N.
 
     Observables:
-        moment: M_ext, N m, positive in the bending direction: the external moment that the segment needs. Without
+        - moment: M_ext, N m, positive in the bending direction: the external moment that the segment needs. Without
             curvature it is minus the moment that the chambers give a straight finger; where it is zero the finger bends
             freely.
-        contact_force: of one wall on the next, N.
-        lever_arm: its distance from the cover's mid-height, m, of no meaning where nothing touches.
-        stretch: of the cover's mid-height, dimensionless.
+        - contact_force: of one wall on the next, N.
+        - lever_arm: its distance from the cover's mid-height, m, of no meaning where nothing touches.
+        - stretch: of the cover's mid-height, dimensionless.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

@@ -47,12 +47,12 @@ class Chamber(CurveScene):
         inclination: theta_s, half the angle between the two walls, rad.
 
     Observables:
-        force: F_p of one wall on the next, N, zero before contact.
-        end_moment: M_T, N m, positive in the bending direction.
-        lever_arm: e_y, m.
-        contact_width, contact_length: axes c_y and c_z of the elliptical contact, m.
-        stretch: lambda, dimensionless.
-        clamp_angle: theta_m2, rad.
+        - force: F_p of one wall on the next, N, zero before contact.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - lever_arm: e_y, m.
+        - contact_width, contact_length: axes c_y and c_z of the elliptical contact, m.
+        - stretch: lambda, dimensionless.
+        - clamp_angle: theta_m2, rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

@@ -28,10 +28,10 @@ class SmallStrainChamber(CurveScene):
         finger: a uniform finger (or one segment of a nonuniform one).
 
     Observables:
-        force: F_p of one wall on the next, N, zero before contact.
-        end_moment: M_T, N m, positive in the bending direction.
-        lever_arm: e_y, m.
-        inflation: delta, m.
+        - force: F_p of one wall on the next, N, zero before contact.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - lever_arm: e_y, m.
+        - inflation: delta, m.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

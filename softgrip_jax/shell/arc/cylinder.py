@@ -51,14 +51,14 @@ class CylinderContact(ShellScene):
         model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
 
     Observables:
-        force: p A_c along the normal, N, zero before contact.
-        force_z: its projection on the axis of inflation (3.29), N.
-        contact_angle: theta_c, rad.
-        flat_length: e, the straight length on one side, m.
-        contact_area: A_c of the ellipse (3.28), m^2.
-        contact_half_width, contact_half_length: c_a and c_b, m.
-        stretch: lambda_1, dimensionless.
-        clamp_angle: theta_m, rad.
+        - force: p A_c along the normal, N, zero before contact.
+        - force_z: its projection on the axis of inflation (3.29), N.
+        - contact_angle: theta_c, rad.
+        - flat_length: e, the straight length on one side, m.
+        - contact_area: A_c of the ellipse (3.28), m^2.
+        - contact_half_width, contact_half_length: c_a and c_b, m.
+        - stretch: lambda_1, dimensionless.
+        - clamp_angle: theta_m, rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
@@ -197,7 +197,7 @@ class AxialOffset(CylinderContact):
         height: h, from one end of the membrane to the axis of the cylinder, m; b is the symmetric state.
 
     Observables:
-        flat_length_far, flat_length_near: e_1 and e_2, m. The others are those of `CylinderContact`.
+        - flat_length_far, flat_length_near: e_1 and e_2, m. The others are those of `CylinderContact`.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

@@ -28,11 +28,11 @@ class FlatContact(ShellScene):
         model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
 
     Observables:
-        force: p A_c (3.13), N, zero before contact.
-        contact_area: A_c of the oval (3.12), m^2.
-        contact_half_width, contact_half_length: c_a (3.9) and c_b (3.10), m.
-        stretch: lambda_1, dimensionless.
-        clamp_angle: theta_m, rad.
+        - force: p A_c (3.13), N, zero before contact.
+        - contact_area: A_c of the oval (3.12), m^2.
+        - contact_half_width, contact_half_length: c_a (3.9) and c_b (3.10), m.
+        - stretch: lambda_1, dimensionless.
+        - clamp_angle: theta_m, rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

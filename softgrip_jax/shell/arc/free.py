@@ -32,9 +32,9 @@ class Free(ShellScene):
         model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
 
     Observables:
-        inflation: height delta of the middle, m.
-        stretch, length_stretch: lambda_1 and lambda_2, dimensionless.
-        clamp_angle: theta_m, rad.
+        - inflation: height delta of the middle, m.
+        - stretch, length_stretch: lambda_1 and lambda_2, dimensionless.
+        - clamp_angle: theta_m, rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
@@ -133,7 +133,7 @@ class Plate(Free):
         model: "arc"; there is no other one here.
 
     Observables:
-        inflation: height delta of the middle, m.
+        - inflation: height delta of the middle, m.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

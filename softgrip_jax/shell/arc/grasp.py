@@ -100,10 +100,10 @@ class Grasp(CylinderContact):
         fingers: shells that share the weight (2 in a parallel gripper).
 
     Observables:
-        height: h of the cylinder's axis above the end of the membrane, m.
-        required_force: F_ext, the least normal force that lifts, N; inf where no force does.
-        tilt_resistance: T_R, N m.
-        security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. The
+        - height: h of the cylinder's axis above the end of the membrane, m.
+        - required_force: F_ext, the least normal force that lifts, N; inf where no force does.
+        - tilt_resistance: T_R, N m.
+        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. The
             others are those of `CylinderContact`.
 
     Raises:

@@ -30,11 +30,11 @@ class InclinedContact(ShellScene):
         model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
 
     Observables:
-        force: p A_c (B.3), N, zero before contact.
-        contact_area: A_c of the ellipse (B.1), (B.2), m^2.
-        contact_width, contact_length: its axes c_1 + c_2 and c_z, m.
-        stretch: lambda, dimensionless.
-        clamp_angle: theta_m2, rad.
+        - force: p A_c (B.3), N, zero before contact.
+        - contact_area: A_c of the ellipse (B.1), (B.2), m^2.
+        - contact_width, contact_length: its axes c_1 + c_2 and c_z, m.
+        - stretch: lambda, dimensionless.
+        - clamp_angle: theta_m2, rad.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).

@@ -80,16 +80,16 @@ class ObstacleContact(EnergyScene):
         across, lengthwise: polynomials of the height, of each parity; there are as many contact points.
 
     Observables:
-        force: sum of the contact pressures over the contact, N.
-        force_x, force_y, force_z: their resultant on the object, N.
-        moment_x, moment_y, moment_z: its moment about the middle of the flat membrane's outer face, N m.
-        friction_moment: contact pressure times distance from the middle of the contact, integrated, N m; times the
+        - force: sum of the contact pressures over the contact, N.
+        - force_x, force_y, force_z: their resultant on the object, N.
+        - moment_x, moment_y, moment_z: its moment about the middle of the flat membrane's outer face, N m.
+        - friction_moment: contact pressure times distance from the middle of the contact, integrated, N m; times the
             coefficient of friction it resists turning about z, which the thesis (3.40) takes from a uniform pressure.
-        contact_area: force over pressure, what an even pressure would need, m^2.
-        inflation: height of the middle, m.
-        stretch, length_stretch, largest_stretch: in the middle across and along, and anywhere, dimensionless.
-        clamp_angle: slope at the middle of the long edge, rad.
-        wrinkled_share: part of the area in compression, dimensionless.
+        - contact_area: force over pressure, what an even pressure would need, m^2.
+        - inflation: height of the middle, m.
+        - stretch, length_stretch, largest_stretch: in the middle across and along, and anywhere, dimensionless.
+        - clamp_angle: slope at the middle of the long edge, rad.
+        - wrinkled_share: part of the area in compression, dimensionless.
 
     Raises:
         InputError: where a field breaks its rule, or the object breaks the named symmetry (IMPOSSIBLE under jit).
