@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
+from softgrip_jax.commands.programs import QUICKLY, SIDE_BY_SIDE, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, root_nearby
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
@@ -193,6 +194,9 @@ class Problem:
         """Sentences about scenes that treat what they share by different laws."""
         if self.different_laws and not different_laws:
             raise InputError(f"{self.different_laws[0][:-1]}; give them the same, or set different_laws = true.")
+        self.about = ""
+        """Everything that the problem is made of, in words, where its programs are to be kept for the next process."""
+        self._programs: dict[str, Any] = {}
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
@@ -342,15 +346,21 @@ class Problem:
     def _batched(self) -> Any:
         return jax.jit(jax.vmap(self.measure_with_slopes, in_axes=(0, None)))
 
-    @cached_property
-    def solved(self) -> Any:
+    def solved(self, t: Any) -> tuple[Measured, tuple[Solution, ...]]:
         """`solve` of a batch."""
-        return jax.jit(jax.vmap(self.solve))
+        return self._program(self.solve, QUICKLY, t)
 
-    @cached_property
-    def solved_nearby(self) -> Any:
+    def solved_nearby(self, t: Any, known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """`solve_nearby` of a batch."""
-        return jax.jit(jax.vmap(self.solve_nearby))
+        return self._program(self.solve_nearby, SIDE_BY_SIDE, t, known)
+
+    def _program(self, function: Any, options: dict[str, Any], *rows: Any) -> Any:
+        """function of every row, by a program that is compiled once."""
+        if function.__name__ not in self._programs:
+            batched = jax.jit(jax.vmap(function))
+            kept = program(batched, *rows, about=self.about, options=options) if self.about else batched
+            self._programs[function.__name__] = kept
+        return self._programs[function.__name__](*rows)
 
     def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""

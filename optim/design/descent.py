@@ -53,6 +53,9 @@ LOOSELY_FEASIBLE = 1e-2
 """The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
 multipliers approach a constraint from its broken side, and the finish removes what is left."""
 
+ROOM = 1e-4
+"""The descent keeps this much room to every constraint (scaled), so that its ends are feasible by themselves."""
+
 STALLED = 2e-3
 """A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps: it is in
 the basin of its optimum, and the finish does the rest."""
@@ -210,7 +213,7 @@ def _evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> 
 
 def chunk_for(starts: int, finishes: int) -> int:
     """Lanes per call, see CPU_CHUNK."""
-    return min(starts, finishes, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
+    return min(starts, max(finishes, 1), CPU_CHUNK) if jax.default_backend() == "cpu" else starts
 
 
 class SearchMember(NamedTuple):
@@ -513,7 +516,7 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found
     """One step of one lane, from what was found at its u."""
     judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
-    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * judged.violations)
+    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * (judged.violations + ROOM))
     objective_slope = slopes.objective @ found.value_slopes
     downhill = jnp.where(in_equilibrium, objective_slope, found.shortfall_slopes)
     downhill += pull @ (slopes.violations @ found.value_slopes)

@@ -54,6 +54,7 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)
+    wanted.problem.about = given.decode()
     if wanted.is_front:
         return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
