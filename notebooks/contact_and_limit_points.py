@@ -64,16 +64,16 @@ plt.show()
 # %%
 plane = sg.shell.FlatContact(shell, distance=5 * mm)
 begin = sg.contact_pressure(plane)
-lanes = jax.vmap(lambda p: sg.solve(plane, p))(begin * jnp.array([0.9, 1.0, 1.001, 1.1]))
+states = jax.vmap(lambda p: sg.solve(plane, p))(begin * jnp.array([0.9, 1.0, 1.001, 1.1]))
 print(f"contact from {begin / kPa:.4f} kPa")
-print([sg.Status(int(s)).name for s in lanes.status], np.asarray(lanes.force))
+print([sg.Status(int(s)).name for s in states.status], np.asarray(states.force))
 
 # %%
 figure = plots.draw(sg.solve(sg.shell.CylinderContact(shell, radius=20 * mm, gap=5 * mm), 15 * kPa))
 figure
 
 # %% [markdown]
-# ## A batch with lanes that have no answer
+# ## A batch with members that have no answer
 #
 # They hold NaN, pass zero gradient, and leave their neighbours alone.
 

@@ -74,7 +74,7 @@ figure = plots.draw(pressing)
 figure
 
 # %% [markdown]
-# ## The cheap rung
+# ## The simplest model
 #
 # `Linear` is the finger of linear beam theory: explicit, and close to the finite-strain one as long as little
 # happens.

@@ -96,7 +96,7 @@ print(f"the model ends at {sg.limit_pressure(pad) / kPa:.1f} kPa")
 # %% [markdown]
 # ## Gradient and batch
 #
-# A derivative by every number of the scene, checked by a finite difference, and a batch in which one lane has no
+# A derivative by every number of the scene, checked by a finite difference, and a batch in which one member has no
 # answer.
 
 # %%

@@ -48,11 +48,26 @@ AMERICAN = {"minimize": "minimise", "maximize": "maximise"}
 
 @dataclasses.dataclass(frozen=True)
 class Goal:
-    """One term of the objective: weight * sense * value / scale, or weight * ((value - target) / scale)^2.
+    """One term of the objective.
 
-    kind: "minimise", "maximise" or "reach" (with a target in SI). scale: in SI; by default the size of the value at the
-    starting design (of the target, for "reach"), so that weights compare relative changes. Where the starting design
-    has no value, that of the first design of the search that has one counts, see `Scaling`.
+    It is weight * sense * value / scale, or weight * ((value - target) / scale)^2 for "reach".
+
+    Args:
+        kind: "minimise", "maximise" or "reach".
+        quantity: what it is about.
+        target: of "reach", in SI.
+        weight: of the term, dimensionless.
+        scale: in SI; by default the size of the value at the starting design (of the target, for "reach"), so that
+            weights compare relative changes. Where the starting design has no value, that of the first design of the
+            search that has one counts, see `Scaling`.
+
+    Raises:
+        InputError: for another kind, and where "reach" has no target or another kind has one.
+
+    Examples:
+        >>> goal = optim.Goal("reach", optim.Quantity("inflation", at=15 * kPa), target=12 * mm)
+        >>> print(f"{goal.term(jnp.asarray(9 * mm), 12 * mm):.4f}")  # (1/4)^2
+        0.0625
     """
 
     kind: str
@@ -69,6 +84,7 @@ class Goal:
             raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
 
     def term(self, value: Scalar, scale: float | Scalar) -> Scalar:
+        """The term at a value and with a scale, both in SI; dimensionless."""
         if self.target is not None:
             return self.weight * ((value - self.target) / scale) ** 2
         return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
@@ -76,9 +92,19 @@ class Goal:
 
 @dataclasses.dataclass(frozen=True)
 class Limits:
-    """Keep a quantity within low <= value <= high (SI; either may be left out).
+    """A constraint that keeps a quantity between bounds, low <= value <= high.
 
-    scale: in SI; by default the size of each bound (where the bound is zero, of the value as for a goal).
+    Args:
+        quantity: what it is about.
+        low, high: bounds in SI; either may be left out.
+        scale: in SI; by default the size of each bound (where the bound is zero, of the value as for a goal).
+
+    Raises:
+        InputError: where there is no bound, or low is not below high.
+
+    Examples:
+        >>> optim.Limits(optim.Quantity("inflation", at=15 * kPa), high=12 * mm).sides()
+        [(1, 0.012)]
     """
 
     quantity: Quantity
@@ -140,6 +166,16 @@ class Problem:
         limits: what must be kept beside the rules.
         ignore_rules: names of rules that designs need not keep, beside those that a scene ignores itself.
         different_laws: whether scenes may treat the finger that they share by different laws.
+
+    Raises:
+        InputError: where there is no goal, for an unknown quantity or rule, and for scenes with different laws.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> space = optim.Space({"free": sg.shell.Free(shell)}, [optim.Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+        >>> problem = optim.Problem(space, [optim.Goal("maximise", optim.Quantity("inflation", at=15 * kPa))])
+        >>> [quantity.label() for quantity in problem.quantities]
+        ['free.inflation at 15 kPa']
     """
 
     def __init__(

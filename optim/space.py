@@ -23,14 +23,22 @@ REFERENCE_INSET = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """A float leaf that may move (or several that move as one: tied).
+    """A float leaf of a scene that may move, or several that move as one.
 
     Args:
-        name: of the leaf, see `softgrip_jax.parameters`: "shell.a", "grasp.shell.a", "free.shell.a = grasp.shell.a".
+        name: of the leaf, see `softgrip_jax.parameters`: "shell.a", "grasp.shell.a", "free.shell.a = grasp.shell.a"
+            (tied).
         low, high: bounds in SI; an array leaf has one variable per element, all between the same bounds.
         scale: "linear" or "log" (for quantities that matter by their ratio; bounds above zero).
         where: instead of looking `name` up, a function from the dictionary of scenes to the leaf or a tuple of leaves.
         kind: kind of quantity for display; found by itself for a leaf that is looked up by name.
+
+    Raises:
+        InputError: where low is not below high, or a logarithmic bound is not positive.
+
+    Examples:
+        >>> optim.Variable("shell.t_m", 0.8 * mm, 2 * mm).scale
+        'linear'
     """
 
     name: str
@@ -45,7 +53,24 @@ class Variable:
 
 
 class Space(Parameters):
-    """The variables of one problem: from vectors to scenes and back. Vectors have one entry per varied number."""
+    """The variables of one problem: from vectors to scenes and back.
+
+    Vectors have one entry per varied number. SI values x are what a scene holds; unit values t in [0, 1] lie between
+    the bounds (linear or logarithmic); free values u cover the real line, t = (1 + sin u) / 2.
+
+    Args:
+        scenes: a dictionary of scenes by name.
+        variables: what may move.
+
+    Raises:
+        InputError: for a name that no scene has.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> space = optim.Space({"free": sg.shell.Free(shell)}, [optim.Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+        >>> print(f"{space.from_unit(jnp.array([0.5]))[0] / mm:.1f} mm")
+        1.4 mm
+    """
 
     def __init__(self, scenes: Scenes, variables: Sequence[Variable]):
         super().__init__(scenes, variables)

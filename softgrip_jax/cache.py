@@ -63,7 +63,11 @@ def enable_cache(folder: str | Path | None = None) -> Path:
         folder: where to keep programs; it need not exist. Without it, the one of JAX_COMPILATION_CACHE_DIR, else
             softgrip_jax in $XDG_CACHE_HOME or ~/.cache, which the commands use too.
 
-    Returns: the folder.
+    Returns:
+        The folder.
+
+    Examples:
+        >>> folder = sg.enable_cache()  # doctest: +SKIP
     """
     silence()
     import jax

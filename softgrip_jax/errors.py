@@ -55,7 +55,12 @@ def located(where: str) -> Iterator[None]:
 
 
 class UnitWarning(UserWarning):
-    """A number that can be meant, but was probably given in another unit than the SI unit that was asked for."""
+    """A number that can be meant, but was probably given in another unit than SI.
+
+    Examples:
+        >>> issubclass(sg.UnitWarning, UserWarning)
+        True
+    """
 
 
 class CellRangeWarning(UserWarning):

@@ -1,15 +1,15 @@
-"""The cheapest model and numerics that meet a wanted error: found by comparing rungs of a ladder of simplifications.
+"""The cheapest model and numerics that meet a wanted error, found by comparing the models of a ladder.
 
-A rung is the given scene with some physics left out and with cheaper numerics. The dearest rung leaves nothing out and
-has the finest numerics, so the errors of all rungs follow from comparing an observable v with its value there:
+A model is the given scene with some physics left out and with cheaper numerics. The dearest model leaves nothing out
+and has the finest numerics, so the errors of all models follow from comparing an observable v with its value there:
 
     error = (|v - v_dearest| + own) / (|v_dearest| - own),    own = |v_dearest - v_second| / gain
 
-`own` bounds the error of the dearest rung by what its last refinement changed; v_second has everything in, too.
+`own` bounds the error of the dearest model by what its last refinement changed; v_second has everything in, too.
 
-This is the error of leaving out and of computing, never the model's error against reality: the dearest rung is the
-given scene, solved well, and how far that is from finite elements stands in the README. Every rung is a program of its
-own, compiled once: choosing pays before a sweep, a search or a large batch, not before a single solve.
+This is the error of leaving out and of computing, never the error against reality: the dearest model is the given
+scene, solved well, and how far that is from finite elements stands in the README. Every model is a program of its own,
+compiled once: choosing pays before a sweep, a search or a large batch, not before a single solve.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from .shell.flat_shell import ShellScene
 ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)
 """No error is claimed to be smaller than what `solve` accepts as a residual."""
 FEWEST_POINTS, FINEST_POINTS = 4, 16
-"""Gauss points along a finger on the cheapest rung, and at least on the dearest: its own where those are more."""
+"""Gauss points along a finger on the cheapest model, and at least on the dearest: its own where those are more."""
 MORE_POINTS, POINT_GAIN = 1.5, 16.0
-"""From rung to rung: 4 to 6 points leave one part in 40 of the error, more leave less; one in 16 is claimed."""
+"""From model to model: 4 to 6 points leave one part in 40 of the error, more leave less; one in 16 is claimed."""
 BASES = ((2, 3), (3, 4), (4, 6))
-"""(across, along) polynomials of the energy membrane, the last its default; the dearest rung has one and two more."""
+"""(across, along) polynomials of the energy membrane, the last its default; the dearest model has one and two more."""
 
-# What rungs cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
-# 30 kPa; energy membranes alone, 12 kPa). These numbers order the rungs, and hold within a factor of three.
+# What models cost: time per design relative to `pneunet.Linear`, measured in batches of 256 on one core (type A, 12 to
+# 30 kPa; energy membranes alone, 12 kPa). These numbers order the models, and hold within a factor of three.
 ARC_COST, COUPLED_ARC_COST = 0.2, 4.0
 PATH_COST, POINT_COST = 1.2, 0.016
 """Following a path, and the square of the points along the finger on top."""
@@ -56,8 +56,21 @@ ENERGY_COST = 18.0
 """Per product of polynomials."""
 
 
-class Rung(NamedTuple):
-    """A way to compute the observables of a scene."""
+class LadderModel(NamedTuple):
+    """One model of a ladder: a way to compute the observables of a scene.
+
+    Args:
+        scene: the model.
+        left_out: physics of the given scene that this one does without, in words.
+        numerics: how finely it is solved, in words.
+        cost: time per design in a batch, relative to an explicit finger, dimensionless.
+        gain: how much less than from the model before, with coarser numerics, the error is at least, dimensionless.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.model_ladder(sg.shell.Free(shell), ["inflation"])[0].left_out
+        ('large strains',)
+    """
 
     scene: Scene
     left_out: tuple[str, ...]
@@ -67,13 +80,23 @@ class Rung(NamedTuple):
     cost: float
     """Time per design in a batch, relative to an explicit finger."""
     gain: float = 1.0
-    """How much less than from the rung before, with coarser numerics, the error is at least."""
+    """How much less than from the model before, with coarser numerics, the error is at least."""
 
 
 class Trial(NamedTuple):
-    """A rung that was solved."""
+    """One model of a ladder that was solved.
 
-    rung: Rung
+    Args:
+        model: the model.
+        solution: its solution.
+        error: estimated relative error of the observable, dimensionless; inf where there is nothing to compare.
+
+    Examples:
+        >>> sg.fidelity.Trial._fields
+        ('model', 'solution', 'error')
+    """
+
+    model: LadderModel
     solution: Solution
     error: float
     """Estimated relative error of the observable; inf where there is nothing to compare."""
@@ -81,7 +104,24 @@ class Trial(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """The cheapest rung that meets the tolerance, and what it was compared with."""
+    """The cheapest model that meets the tolerance, and what it was compared with.
+
+    Args:
+        scene: what to solve from now on.
+        solution: of it.
+        left_out: physics of the given scene that it does without, in words.
+        numerics: how finely it is solved, in words.
+        cost: time per design in a batch, relative to an explicit finger, dimensionless.
+        error: estimated relative error of the observable, dimensionless; inf where the scene has no equilibrium.
+        observable: whose error counts.
+        tolerance: largest relative error that was asked for, dimensionless.
+        trials: all that was solved, cheapest first.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.choose(sg.shell.Free(shell), 15 * kPa).met
+        True
+    """
 
     scene: Scene
     """What to solve from now on."""
@@ -99,36 +139,37 @@ class Choice:
 
     @property
     def met(self) -> bool:
-        """Whether the estimated error is within the tolerance; the dearest rung, too, may miss a very small one."""
+        """Whether the estimated error is within the tolerance; the dearest model, too, may miss a very small one."""
         return self.error <= self.tolerance
 
     def as_data(self) -> dict[str, Any]:
         """What was chosen and tried, as plain data; an error that is not known is None."""
 
-        def told(rung: Rung, error: float) -> dict[str, Any]:
+        def told(model: LadderModel, error: float) -> dict[str, Any]:
             known = error if np.isfinite(error) else None
-            return {"left_out": list(rung.left_out), "numerics": rung.numerics, "error": known, "cost": rung.cost}
+            return {"left_out": list(model.left_out), "numerics": model.numerics, "error": known, "cost": model.cost}
 
-        trials = [told(trial.rung, trial.error) for trial in self.trials]
+        trials = [told(trial.model, trial.error) for trial in self.trials]
         chosen = {"observable": self.observable, "tolerance": self.tolerance, "met": self.met}
-        return chosen | told(Rung(self.scene, self.left_out, self.numerics, self.cost), self.error) | {"tried": trials}
+        taken = LadderModel(self.scene, self.left_out, self.numerics, self.cost)
+        return chosen | told(taken, self.error) | {"tried": trials}
 
     def __str__(self) -> str:
         name = self.observable.replace("_", " ")
         if not np.isfinite(self.error):
             return f"nothing is left out: {name} has no value to compare ({Status(int(self.solution.status)).name})."
-        dearest = self.trials[-1].rung.cost
+        dearest = self.trials[-1].model.cost
         lines = [
             f"left out for {_percent(self.tolerance)} of {name}: {_listed(self.left_out)} ({self.numerics})",
-            f"estimated error in {name}: {_percent(self.error)}" + ("" if self.met else ", the least of all rungs"),
+            f"estimated error in {name}: {_percent(self.error)}" + ("" if self.met else ", the least of all models"),
             "(of leaving out and of computing; how far models are from reality is another matter: see the README)",
             "",
             f"  {'error':>9} {'time':>7}  left out",
         ]
-        for rung, _, error in self.trials:
-            chosen = rung.left_out == self.left_out and rung.numerics == self.numerics
-            mark, share, rest = "*" if chosen else " ", rung.cost / dearest, _listed(rung.left_out)
-            lines.append(f"{mark} {_percent(error):>9} {share:7.2g}  {rest} ({rung.numerics})")
+        for model, _, error in self.trials:
+            chosen = model.left_out == self.left_out and model.numerics == self.numerics
+            mark, share, rest = "*" if chosen else " ", model.cost / dearest, _listed(model.left_out)
+            lines.append(f"{mark} {_percent(error):>9} {share:7.2g}  {rest} ({model.numerics})")
         return "\n".join(lines)
 
 
@@ -143,18 +184,28 @@ def _percent(share: float) -> str:
 def choose(
     scene: Scene, pressure: Any = None, tolerance: float = 0.01, observable: str | None = None, **target: Any
 ) -> Choice:
-    """The cheapest rung of a scene whose estimated error of an observable is within a tolerance.
+    """The cheapest model of a scene whose estimated error of an observable is within a tolerance.
 
-    Rungs are tried from the cheapest up, and the first that is good enough is taken. The dearest two are always solved,
-    since all are compared with them. Where no rung is good enough the dearest is returned, with its error.
+    Models are tried from the cheapest up, and the first that is good enough is taken. The dearest two are always
+    solved, since all are compared with them. Where none is good enough the dearest is returned, with its error.
 
     Args:
         scene: one scene of known numbers (not traced by jit or vmap).
         pressure: gauge pressure, Pa; without it, a target as in `pressure_for` (none for a grasp, which has its own).
-        tolerance: largest relative error, for instance 0.01. For a point (x, y): distance over distance from (0, 0).
+        tolerance: largest relative error, dimensionless, for instance 0.01. For a point (x, y): distance over distance
+            from (0, 0).
         observable: whose error counts; by default the first in the scene's OBSERVABLES, or "pressure" for a target.
+        target: as in `pressure_for`.
 
-    Raises: ValueError for an observable that the scene does not have, and for numbers that cannot be meant.
+    Raises:
+        InputError: for an observable that the scene does not have, and for numbers that cannot be meant.
+
+    Source: own; the module says how errors are estimated.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.choose(sg.shell.Free(shell), 15 * kPa, tolerance=0.01).left_out
+        ()
     """
     if not isinstance(scene, Scene):
         raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
@@ -162,21 +213,21 @@ def choose(
         raise InputError("choose compares numbers: it takes one known pressure, outside of jit and vmap.")
     tolerance = float(require("tolerance", tolerance, "positive", "number"))
     name = _observable(scene, observable, pressure is None)
-    ladder = rungs(scene, [*target, name])
+    ladder = model_ladder(scene, [*target, name])
     solved: dict[int, Solution] = {}
 
     def read(k: int) -> Reading:
         if k not in solved:
-            rung = ladder[k].scene
-            solved[k] = pressure_for(rung, **target) if pressure is None else solve(rung, pressure)
+            model = ladder[k].scene
+            solved[k] = pressure_for(model, **target) if pressure is None else solve(model, pressure)
         value = np.ravel(solved[k].pressure if name == "pressure" else solved[k].observables[name])
         return Reading(value, int(solved[k].status))
 
     chosen, errors = decide(ladder, read, tolerance)
-    rung = ladder[chosen]
+    model = ladder[chosen]
     trials = tuple(Trial(ladder[k], solved[k], errors[k]) for k in sorted(errors))
     return Choice(
-        rung.scene, solved[chosen], rung.left_out, rung.numerics, rung.cost, errors[chosen], name, tolerance, trials
+        model.scene, solved[chosen], model.left_out, model.numerics, model.cost, errors[chosen], name, tolerance, trials
     )
 
 
@@ -193,15 +244,40 @@ def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:
 
 
 class Reading(NamedTuple):
-    """What a rung says."""
+    """What one model of a ladder says.
+
+    Args:
+        value: the observable in SI, shape (1,), or (2,) for a point.
+        status: number of a `Status`.
+
+    Examples:
+        >>> sg.fidelity.Reading(np.array([0.1]), 0).status
+        0
+    """
 
     value: np.ndarray
     """The observable: one number, or a point's two."""
     status: int
 
 
-def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float) -> tuple[int, dict[int, float]]:
-    """(the first rung that meets the tolerance, the errors of all that were read); `read` solves a rung when asked."""
+def decide(ladder: list[LadderModel], read: Callable[[int], Reading], tolerance: float) -> tuple[int, dict[int, float]]:
+    """The first model of a ladder that meets the tolerance, and the errors of all that were solved.
+
+    Args:
+        ladder: the models, cheapest first.
+        read: solves the model of an index when asked.
+        tolerance: largest relative error, dimensionless.
+
+    Returns:
+        The index of the model, and index -> estimated relative error.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> ladder = sg.fidelity.model_ladder(sg.shell.Free(shell), ["inflation"])
+        >>> said = [sg.fidelity.Reading(np.array([value]), 0) for value in (0.99, 1.0)]
+        >>> sg.fidelity.decide(ladder, said.__getitem__, tolerance=0.02)[0]
+        0
+    """
     last = len(ladder) - 1
     second = max((k for k in range(last) if not ladder[k].left_out), default=last)
     best, status = read(last)
@@ -234,32 +310,59 @@ def decide(ladder: list[Rung], read: Callable[[int], Reading], tolerance: float)
 
 
 def own_error(dearest: np.ndarray, second: np.ndarray, gain: float) -> float:
-    """A bound of the error of the dearest rung, absolute."""
+    """A bound of the absolute error of the dearest model, from what its last refinement changed.
+
+    Args:
+        dearest, second: values of the dearest two models, in SI, shape (n,).
+        gain: how much less the error of the dearest is at least, dimensionless.
+
+    Examples:
+        >>> print(f"{sg.fidelity.own_error(np.array([1.0]), np.array([1.16]), 16.0):.3f}")
+        0.010
+    """
     return float(np.linalg.norm(dearest - second) / gain + ROUNDING * np.linalg.norm(dearest))
 
 
 def error_of(value: np.ndarray, dearest: np.ndarray, own: float) -> float:
-    """The estimated relative error of a rung's value: a bound of |value - truth| / |truth| if `own` is one."""
+    """The estimated relative error of a model's value: a bound of |value - truth| / |truth| if `own` is one.
+
+    Args:
+        value, dearest: values of the model and of the dearest one, in SI, shape (n,).
+        own: bound of the absolute error of the dearest one, in SI.
+
+    Examples:
+        >>> print(f"{sg.fidelity.error_of(np.array([0.99]), np.array([1.0]), 0.0):.3f}")
+        0.010
+    """
     gap, size = float(np.linalg.norm(value - dearest)) + own, float(np.linalg.norm(dearest)) - own
-    if gap == 0:  # nothing is touched: the force is zero on both rungs
+    if gap == 0:  # nothing is touched: the force is zero on both models
         return 0.0
     return gap / size if size > 0 and np.isfinite(gap) else np.inf
 
 
-# --- rungs ------------------------------------------------------------------------------------------------------------
+# --- the ladder -------------------------------------------------------------------------------------------------------
 
 
-def rungs(scene: Scene, observables: list[str]) -> list[Rung]:
-    """The ladder of a scene, cheapest first, without rungs that lack one of the observables.
+def model_ladder(scene: Scene, observables: list[str]) -> list[LadderModel]:
+    """The model ladder of a scene, cheapest first, without models that lack one of the observables.
 
-    The last rung leaves nothing out and has the finest numerics.
+    The last model leaves nothing out and has the finest numerics.
+
+    Args:
+        scene: the given scene.
+        observables: names that every model must know.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> [model.numerics for model in sg.fidelity.model_ladder(sg.shell.Free(shell), ["inflation"])]
+        ['explicit', 'one angle']
     """
     kinds = {FingerScene: _finger, EnergyScene: _energy, ShellScene: _shell, pneunet.Chamber: _chamber}
     make = next((make for kind, make in kinds.items() if isinstance(scene, kind)), _alone)
     *cheaper, dearest = make(scene)
     names = set(observables) - {"pressure"}
-    ordered = [*sorted(cheaper, key=lambda rung: rung.cost), dearest]
-    return [rung for rung in ordered if names <= _shared(rung.scene, scene)]
+    ordered = [*sorted(cheaper, key=lambda model: model.cost), dearest]
+    return [model for model in ordered if names <= _shared(model.scene, scene)]
 
 
 def _shared(simpler: Scene, scene: Scene) -> set[str]:
@@ -270,28 +373,28 @@ def _shared(simpler: Scene, scene: Scene) -> set[str]:
     return known - {"tip", "tip_angle"} if mixed else known
 
 
-def _alone(scene: Scene) -> Iterator[Rung]:
-    yield Rung(scene, (), "as given", SHELL_COST)
+def _alone(scene: Scene) -> Iterator[LadderModel]:
+    yield LadderModel(scene, (), "as given", SHELL_COST)
 
 
-def _chamber(scene: pneunet.Chamber) -> Iterator[Rung]:
+def _chamber(scene: pneunet.Chamber) -> Iterator[LadderModel]:
     small = pneunet.SmallStrainChamber(scene.finger, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
-    yield Rung(small, ("large strains", "inclination of the walls"), "explicit", 1.0)
-    yield Rung(scene, (), "one angle", SHELL_COST)
+    yield LadderModel(small, ("large strains", "inclination of the walls"), "explicit", 1.0)
+    yield LadderModel(scene, (), "one angle", SHELL_COST)
 
 
-def _shell(scene: ShellScene) -> Iterator[Rung]:
+def _shell(scene: ShellScene) -> Iterator[LadderModel]:
     if type(scene) is shell.Free:
-        yield Rung(shell.Plate(scene.shell), ("large strains",), "explicit", 1.0)
+        yield LadderModel(shell.Plate(scene.shell), ("large strains",), "explicit", 1.0)
     if scene.model == "arc":
-        yield Rung(scene, (), "one angle", SHELL_COST)
+        yield LadderModel(scene, (), "one angle", SHELL_COST)
         return
     arc = dataclasses.replace(scene, model="arc")
-    yield Rung(arc, ("the membrane's own shape (arcs instead)",), "one angle", SHELL_COST)
+    yield LadderModel(arc, ("the membrane's own shape (arcs instead)",), "one angle", SHELL_COST)
     yield from _energy(scene.energy_scene())
 
 
-def _energy(scene: Any) -> Iterator[Rung]:
+def _energy(scene: Any) -> Iterator[LadderModel]:
     given = (scene.across, scene.lengthwise)
     finer = (scene.across + 1, scene.lengthwise + 2)
     bases = [basis for basis in BASES if basis[0] < given[0] and basis[1] < given[1]] + [given, finer]
@@ -301,14 +404,14 @@ def _energy(scene: Any) -> Iterator[Rung]:
     for one, left_out in simpler:
         for across, along in bases:
             sized = dataclasses.replace(one, across=across, lengthwise=along)
-            yield Rung(sized, left_out, f"{across} x {along} polynomials", ENERGY_COST * across * along)
+            yield LadderModel(sized, left_out, f"{across} x {along} polynomials", ENERGY_COST * across * along)
 
 
-def _finger(scene: Any) -> Iterator[Rung]:
+def _finger(scene: Any) -> Iterator[LadderModel]:
     """Every subset of the simplifications with every number of points."""
     if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
         linear = pneunet.Linear(scene.finger, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
-        yield Rung(linear, ("large deflections and strains", "all loads"), "explicit", 1.0)
+        yield LadderModel(linear, ("large deflections and strains", "all loads"), "explicit", 1.0)
     simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
     if scene.weight is not None:
         # Free of loads, parts are arcs. Elsewhere zeros do: they share the program, and compiling is what takes long.
@@ -325,11 +428,11 @@ def _finger(scene: Any) -> Iterator[Rung]:
         yield from _resolved(one, left_out, WEIGHT_COST if one.weight is scene.weight is not None else 1.0)
 
 
-def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[Rung]:
+def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[LadderModel]:
     """The same finger with more and more points: up to FINEST_POINTS or its own, and at least once more."""
     coupled = scene.inclination != "none"
     if isinstance(scene, pneunet.Free) and scene.is_arcs():
-        yield Rung(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
+        yield LadderModel(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
         return
     parts = scene.chambers()[0].low.shape[0]
     cost = SECTION_COST[scene.section] * share
@@ -337,7 +440,7 @@ def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[R
     while True:
         every = each * parts
         finer = scene.with_method(pneunet.Collocation(every))
-        yield Rung(
+        yield LadderModel(
             finer, left_out, f"{every} points along the finger", cost * (PATH_COST + POINT_COST * every**2), POINT_GAIN
         )
         count += 1

@@ -2,7 +2,7 @@
 
 A field declares its rule where it is defined (``t_m = positive("length")``). Outside of jit a value that breaks
 it is a ValueError in one sentence; inside jit, where nothing can be raised, the same rules become a boolean
-(:func:`admissible`) and the lane is labelled IMPOSSIBLE.
+(:func:`admissible`) and the scene is IMPOSSIBLE.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ loses eps / strain, 1e-13 at most."""
 
 
 GAUSS_PLACES, GAUSS_WEIGHTS = (0.5 - 0.15**0.5, 0.5, 0.5 + 0.15**0.5), (5 / 18, 8 / 18, 5 / 18)
-"""On the interval from 0 to 1."""
+"""Gauss points and weights on the interval from 0 to 1."""
 
 
 def tension_over_strain(material: Material, t_m: Scalar, strain: Scalar) -> Scalar:

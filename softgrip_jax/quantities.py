@@ -41,7 +41,7 @@ LIMIT_PRESSURE = "limit_pressure"
 LIMIT_MARGIN = "limit_margin"
 SHAPE = "shape"
 MARGINS = "margins."
-"""Before the name of a rule: its margin."""
+"""It stands before the name of a rule whose margin is meant."""
 AT_REST = "rest"
 """The state of the margins that undeformed parts have."""
 
@@ -49,14 +49,24 @@ NO_LIMIT_MARGIN = 1e6
 """`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
 
 SHAPE_POINTS = 101
-"""Points of a shape; straight between two of them: 1e-4 of the length for a finger curled to a circle."""
+"""Points of a shape, straight between two of them: a finger that is curled to a circle loses 1e-4 of its length."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """An observable of `scene` (may be left out where there is one scene) in a state `at` (see above).
+    """An observable of a scene in a state, by name.
 
-    along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1).
+    Args:
+        observable: its name; also "pressure", "limit_pressure", "limit_margin", "tip.x", "shape.y" and
+            "margins.walls_fit".
+        at: the state: a pressure (Pa), "required" (`pressure_for` of the scene's own task), or a pair such as ("force",
+            2.0) with the wanted value in SI.
+        scene: name of the scene, needed where there are several.
+        along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1), dimensionless.
+
+    Examples:
+        >>> sg.Quantity("force", at=31 * kPa).label()
+        'force at 31 kPa'
     """
 
     observable: str
@@ -219,7 +229,7 @@ def _require_margin(quantity: Quantity, scene: Scene) -> None:
     """A ValueError where a scene has no such margin in that state."""
     rule, kind = quantity.rule, type(scene).__name__
     if rule not in RULE_NAMES:
-        raise InputError(f"There is no rule {rule!r}, of which to ask the margin; there are {', '.join(RULE_NAMES)}.")
+        raise InputError(f"There is no rule {rule!r}; the rules are {', '.join(RULE_NAMES)}.")
     if quantity.at == AT_REST:
         return
     if quantity.at is None:

@@ -82,15 +82,31 @@ def _branch(scene: Scene, n: int) -> Solution:
 def solve(scene: Scene, pressure: Any, *, solver: Any = None, guess: Any = None) -> Solution:
     """The equilibrium of a scene at a pressure.
 
-    Args:
-        scene: what to solve; any float leaf of it may be traced or batched by vmap.
-        pressure: gauge pressure in the actuator, Pa, zero or more.
-        solver: one of `sg.solvers`; by default the one that is sure to find the branch connected to zero load.
-        guess: for solvers that begin from one: the Solution of a scene nearby, or its unknowns.
+    The unknowns u solve r(u; scene, p) = 0 on the branch that is connected to zero load. Their derivatives follow from
+    the implicit function theorem, du = -(dr/du)^-1 dr, forward and in reverse and of any order.
 
-    Returns: a Solution. A scene without equilibrium is not an error: see `Solution.status`.
-    Raises: ValueError for a pressure that cannot be meant (outside jit), and for a solver that the scene cannot use;
-        RuntimeError where float64 is off.
+    Args:
+        scene: what to solve; any float leaf of it may be traced, or batched by vmap.
+        pressure: gauge pressure in the actuator, Pa, a scalar, zero or more.
+        solver: one of `sg.solvers`; by default the one that is sure to find that branch.
+        guess: for solvers that begin from one: the Solution of a scene nearby, or its unknowns (scaled, dimensionless,
+            of the shape of `Solution.unknowns`).
+
+    Returns:
+        The `Solution`, in SI. A scene without equilibrium is not an error: see `Solution.status`.
+
+    Raises:
+        InputError: where scene, pressure, solver or guess cannot be meant (outside of jit).
+        RuntimeError: where float64 is switched off.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> free = sg.solve(sg.shell.Free(shell), 15 * kPa)
+        >>> print(f"{free.inflation / mm:.2f} mm")
+        13.41 mm
+        >>> slope = jax.grad(lambda p: sg.solve(sg.shell.Free(shell), p).inflation)(15 * kPa)
+        >>> print(f"{slope / mm * kPa:.3f} mm per kPa")
+        0.860 mm per kPa
     """
     if solver is None and guess is None:
         return equilibrium(*to_solve(scene, pressure))
@@ -128,7 +144,24 @@ def to_solve(scene: Scene, pressure: Any) -> tuple[Scene, Scalar]:
 
 
 def path(scene: Scene, pressures: Any) -> Solution:
-    """The curve of solutions at the given pressures (Pa), on the branch connected to zero load; a batched Solution."""
+    """The solutions at given pressures, on the branch connected to zero load.
+
+    Args:
+        scene: what to solve.
+        pressures: gauge pressures, Pa, shape (n,), each zero or more, in any order.
+
+    Returns:
+        A `Solution` whose leaves have a first axis of n.
+
+    Raises:
+        InputError: where the scene or a pressure cannot be meant (outside of jit).
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> states = sg.path(sg.shell.Free(shell), [5 * kPa, 15 * kPa, 25 * kPa])
+        >>> [sg.Status(int(status)).name for status in states.status]
+        ['OK', 'OK', 'BEYOND_LIMIT']
+    """
     scene = _checked(scene)
     checked = jnp.atleast_1d(require("pressures", pressures, "nonnegative", "pressure"))
     if checked.ndim > 1:
@@ -139,41 +172,105 @@ def path(scene: Scene, pressures: Any) -> Solution:
 def branch(scene: Scene, n: int = 200) -> Solution:
     """The equilibrium curve through its limit point, at n points from where pressure begins to act.
 
-    Unlike `path` the pressure is a result here: it rises to `limit_pressure` and falls behind it. The points behind
-    the limit are equilibria under volume control, unstable under pressure control; the limit is one of the points.
+    Unlike in `path` the pressure is a result: it rises to `limit_pressure` and falls behind it. States behind the limit
+    are equilibria at a given volume and unstable at a given pressure. The limit is one of the points.
 
     The branch ends where, behind the limit, the pressure has fallen to half of it or is as large again (the state to
     which the scene snaps); where the model ends; where a membrane has inflated to ten times its half width, or an
     energy membrane is twice as far from flat as at its limit. A branch without a limit ends at 20 mu t_m / a.
+
+    Args:
+        scene: what to solve.
+        n: number of points, dimensionless.
+
+    Returns:
+        A `Solution` whose leaves have a first axis of n.
+
+    Raises:
+        InputError: where the scene cannot be meant (outside of jit).
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> curve = sg.branch(sg.shell.Free(shell))
+        >>> bool(jnp.isclose(jnp.max(curve.pressure), sg.limit_pressure(sg.shell.Free(shell))))
+        True
     """
     scene = _checked(scene)
     return _branch(scene, n)
 
 
 def contact_pressure(scene: Scene) -> Scalar:
-    """The pressure (Pa) at which contact begins (thesis appendix A; for fingers: between the chambers).
+    """The pressure at which contact begins.
 
-    Below it the force is exactly zero. 0 in free space, NaN for an impossible scene. Differentiable.
+    Below it the force is exactly zero. Of a finger it is where the walls of its chambers touch, of a grasp where the
+    tips begin to press.
+
+    Args:
+        scene: what to ask.
+
+    Returns:
+        The pressure, Pa, differentiable: 0 in free space, NaN for an impossible scene.
+
+    Raises:
+        InputError: where the scene cannot be meant (outside of jit).
+
+    Source: thesis appendix A.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> print(f"{sg.contact_pressure(sg.shell.FlatContact(shell, distance=5 * mm)) / kPa:.4f} kPa")
+        2.3159 kPa
     """
     return _contact_pressure(_checked(scene))
 
 
 def limit_pressure(scene: Scene) -> Scalar:
-    """The largest pressure (Pa) with an equilibrium on the branch connected to zero load.
+    """The largest pressure with an equilibrium on the branch connected to zero load.
 
-    A maximum of the load (limit point) or the end of the model (the membrane used up); inf where neither exists,
-    NaN for an impossible scene. Differentiable.
+    It is a maximum of the load (a limit point, dp/du = 0), or where the model ends (the membrane is used up, an arc
+    closes).
+
+    Args:
+        scene: what to ask.
+
+    Returns:
+        The pressure, Pa, differentiable: inf where there is no limit, NaN for an impossible scene.
+
+    Raises:
+        InputError: where the scene cannot be meant (outside of jit).
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> print(f"{sg.limit_pressure(sg.shell.Free(shell)) / kPa:.4f} kPa")
+        20.1756 kPa
     """
     scene = _checked(scene)
     return _limit_pressure(scene)
 
 
 def pressure_for(scene: Scene, **target: Any) -> Solution:
-    """The inverse problem: the solution (with `.pressure`) that gives one observable its wanted value, no stepping.
+    """The solution whose pressure gives one observable its wanted value.
+
+    The pressure is one more unknown and observable(u, p) = value is one more equation, solved together, without
+    stepping.
 
     Args:
         scene: what to solve.
-        target: one observable and its value in SI, for instance ``force=2.0``; none for a grasp, which knows its own.
+        target: one observable by its name and its value in SI, a scalar, for instance `force=2.0` (N); none for a grasp
+            with a mass, which knows its own task.
+
+    Returns:
+        The `Solution`, whose `pressure` (Pa) is the answer; it has derivatives, too.
+
+    Raises:
+        InputError: for several targets, for an observable that the scene does not have, and for a value that cannot be
+            meant (outside of jit).
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> inflated = sg.pressure_for(sg.shell.Free(shell), inflation=13.4067 * mm)
+        >>> print(f"{inflated.pressure / kPa:.3f} kPa")
+        15.000 kPa
     """
     return _pressure_for(*to_reach(scene, **target))
 

@@ -22,7 +22,14 @@ what rounding leaves of parts that just touch."""
 
 
 class Reason(enum.IntEnum):
-    """Why a design is not OK (NONE where it is). Fixed numbers: they are written into files."""
+    """Why a design is not OK (NONE where it is).
+
+    The numbers are fixed, since they are written into files. Those from 100 on are rules, with a margin in metres.
+
+    Examples:
+        >>> sg.Reason.WALLS_FIT.rule
+        'walls_fit'
+    """
 
     NONE = 0
     NOTHING_TOUCHED = 1

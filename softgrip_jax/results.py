@@ -1,4 +1,4 @@
-"""What comes back: a status for every lane, and a Solution with its observables in SI."""
+"""What comes back: a status for every scene of a batch, and a Solution with its observables in SI."""
 
 from __future__ import annotations
 
@@ -18,7 +18,16 @@ from .units import DISPLAY
 
 
 class Status(enum.IntEnum):
-    """Why a lane is as it is. Failure is a result: nothing is raised for a scene without equilibrium."""
+    """Why a result is as it is, as a number.
+
+    Failure is a result: nothing is raised for a scene without equilibrium. OK: solved. NO_CONTACT: nothing is touched
+    yet, forces are exactly zero. BEYOND_LIMIT: there is no equilibrium at this load. IMPOSSIBLE: a rule is broken.
+    NOT_CONVERGED: the residual is not small, and the values are withheld.
+
+    Examples:
+        >>> sg.Status(2).name
+        'BEYOND_LIMIT'
+    """
 
     OK = 0
     NO_CONTACT = 1
@@ -42,28 +51,44 @@ _MESSAGES = {
 
 
 class Solution(Batched):
-    """The state of one scene at one pressure (or of a batch, when solved under vmap).
+    """The state of one scene at one pressure, or of a batch of them.
 
-    Observables are attributes (``sol.force``), in SI. Lanes that are not OK hold NaN (NO_CONTACT: zeros) and pass
-    zero gradient.
+    Observables are attributes (`sol.force`), in SI. Where the status is not OK they are NaN (NO_CONTACT: zeros), and no
+    gradient passes.
+
+    Args:
+        scene: what was solved.
+        pressure: gauge pressure, Pa, shape (*batch).
+        status: number of a `Status`, shape (*batch).
+        residual: scaled residual norm of the equations that were solved, dimensionless, shape (*batch).
+        iterations: of the solver, shape (*batch).
+        unknowns: what the equations were solved for, in the scene's own order and scaling.
+        observables: name -> value in SI, shape (*batch), of points (*batch, 2).
+        reason: number of a `Reason`, shape (*batch); see `reason_text`.
+        detail: the number that belongs to the reason, in SI, such as a limit pressure (Pa) or by how much a rule is
+            broken (m); NaN where there is none.
+        margins: name of a rule -> its margin, m, negative where it is broken; NaN where the state that it asks for is
+            missing.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> state = sg.solve(sg.shell.Free(shell), 25 * kPa)
+        >>> state.reason_text()
+        'no equilibrium: the pressure has its largest value, 20.18 kPa, at a limit point'
+        >>> float(state.inflation)
+        nan
     """
 
     scene: Any
     pressure: Float[Array, "*batch"]
-    """Pa."""
     status: Int[Array, "*batch"]
     residual: Float[Array, "*batch"]
-    """Scaled residual norm of the equations that were solved."""
     iterations: Int[Array, "*batch"]
     unknowns: PyTree
-    """What the equations were solved for, in the scene's own order."""
     observables: dict[str, Array]
     reason: Int[Array, "*batch"]
-    """Why a design is not OK: the number of a `Reason`; see `reason_text`."""
     detail: Float[Array, "*batch"]
-    """The number (SI) that belongs to the reason (a limit pressure, how far a rule is broken); NaN where none does."""
     margins: dict[str, Array]
-    """Name of a rule -> its margin, m: negative where it is broken. NaN where the state that it asks for is missing."""
 
     STATUSES = Status
     _REPORT_WIDTH: ClassVar[int] = 22
@@ -128,7 +153,7 @@ def in_units(value: Any, kind: str) -> str:
 
 
 def stop_gradient_where_failed(ok: Array, tree: PyTree) -> PyTree:
-    """The same values, but a lane that is not ok passes no derivative, forward or reverse, whatever happens inside."""
+    """The same values, but where `ok` is false no derivative passes, forward or reverse, whatever happens inside."""
     return jax.tree.map(lambda x: jnp.where(ok, x, jax.lax.stop_gradient(x)), tree)
 
 

@@ -61,7 +61,16 @@ SI = {
 
 
 def unit_key(name: str, kind: str) -> str:
-    """A quantity's name with its unit, as keys of configs and columns of tables: 'radius_mm', 'weight_N_per_m'."""
+    """The name of a quantity with its unit, as keys of configs and columns of tables have it.
+
+    Args:
+        name: of the quantity.
+        kind: a key of `units.DISPLAY`.
+
+    Examples:
+        >>> sg.units.unit_key("weight", "force_per_length")
+        'weight_N_per_m'
+    """
     label = DISPLAY[kind][0].replace("^", "").replace("/", "_per_").replace(" ", "_")
     return f"{name}_{label}" if label else name
 

@@ -35,6 +35,7 @@ LONGEST = [
     "docs",
     "energy",
     "search",
+    "docstrings",
     "beam",
     "study",
     "run",

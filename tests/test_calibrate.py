@@ -68,7 +68,7 @@ def test_the_fit_is_lmfits(fit, noisy):
     )
     assert fit.x[0] == pytest.approx(found.params["mu"].value * kPa, rel=1e-6)
     assert fit.deviation[0] * fit.x[0] == pytest.approx(found.params["mu"].stderr * kPa, rel=1e-3)
-    assert float(fit.lane.sigma[0]) == pytest.approx(np.sqrt(found.redchi) * mm, rel=1e-3)
+    assert float(fit.member.sigma[0]) == pytest.approx(np.sqrt(found.redchi) * mm, rel=1e-3)
 
 
 def test_intervals_cover_the_truth():
@@ -80,13 +80,13 @@ def test_intervals_cover_the_truth():
     curve = Curve("contact", "contact", "force", "force", pressure, force)
     problem = Fitting({"contact": scene}, [MU, Variable("distance", 2 * mm, 10 * mm)], [curve])
     start = to_free(problem.space.to_unit([140 * kPa, 4 * mm]))
-    lane = problem.lane(start)
+    member = problem.member(start)
 
     def experiment(y):
-        end = problem.fit_lane(lane._replace(y=y))
+        end = problem.fit_member(member._replace(y=y))
         scales = problem.scales(end.x)
-        first = problem.statistics(end.predicted, lane._replace(y=y), scales)
-        final = problem.statistics(end.predicted, lane._replace(y=y, sigma=first.sigma), scales)
+        first = problem.statistics(end.predicted, member._replace(y=y), scales)
+        final = problem.statistics(end.predicted, member._replace(y=y, sigma=first.sigma), scales)
         return end.x, end.converged, jnp.sqrt(jnp.diagonal(final.covariance))
 
     y = force + 0.2 * np.random.default_rng(11).normal(size=(500, 20))
@@ -102,7 +102,7 @@ def test_intervals_cover_the_truth():
 def test_a_start_from_which_most_points_have_no_equilibrium_comes_back(fitting, fit):
     """At mu = 25 kPa the membrane ends at 3 kPa: three quarters of the points have no answer on the way."""
     assert float(sg.limit_pressure(sg.shell.Free(shell(25 * kPa)))) < 3 * kPa
-    end = fitting.fit_lane_jit(fitting.lane(to_free(fitting.space.to_unit([25 * kPa]))))
+    end = fitting.fit_member_jit(fitting.member(to_free(fitting.space.to_unit([25 * kPa]))))
     assert bool(end.converged)
     assert float(end.x[0]) == pytest.approx(fit.x[0], rel=1e-7)
 

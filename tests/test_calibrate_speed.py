@@ -41,8 +41,8 @@ def test_a_fit_is_fast(capsys):
     fit = calibrate(problem)
     compiling = time.perf_counter() - begin
     whole = seconds(lambda: calibrate(problem), 5)
-    lane = problem.lane(to_free(problem.space.to_unit([140 * kPa, 4 * mm])))
-    one = seconds(lambda: jax.block_until_ready(problem.fit_lane_jit(lane)), 20)
+    member = problem.member(to_free(problem.space.to_unit([140 * kPa, 4 * mm])))
+    one = seconds(lambda: jax.block_until_ready(problem.fit_member_jit(member)), 20)
     thousand = seconds(lambda: bootstrap_fits(fit, 1000, 0), 1)
 
     @jax.jit

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import ROOT
 
 import softgrip_jax as sg
 from softgrip_jax.errors import CellRangeWarning, InputError
@@ -212,10 +213,18 @@ def solved(scene, pressure):
 
 
 def test_a_held_finger_presses_as_the_beam_with_the_law_of_finite_elements():
+    errors = {}
     for pressure, force in zip(PRESSURES, TIP_FORCES, strict=True):
         found = solved(held(), pressure * kPa)
         assert found.status == sg.Status.OK
         assert found.tip_force == pytest.approx(force, rel=0.08 if pressure == 31 else 0.06, abs=0.0006)
+        errors[pressure] = 100 * (float(found.tip_force) / force - 1)
+    # What the README and the page of limits say of 5, 15 and 31 kPa is this, in whole percents.
+    for page in ("README.md", "docs/limits.md"):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        row = text.partition("finger type A: tip force at 5, 15, 31 kPa")[2].partition('`drive="cell"` | ')[2]
+        said = [float(number) for number in row.partition(" %")[0].split(", ")]
+        np.testing.assert_allclose(said, [errors[p] for p in (5, 15, 31)], atol=0.6)
 
 
 @pytest.mark.slow  # minutes without optimisation: the adaptive steps meet the kink where rims touch

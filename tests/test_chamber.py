@@ -187,7 +187,7 @@ def test_small_strain_chamber():
     np.testing.assert_allclose(solution.force, force, rtol=1e-12)
     np.testing.assert_allclose(solution.end_moment, force * 7.5e-3 * np.sqrt(0.3), rtol=1e-12)
     np.testing.assert_allclose(small_strain_moment(A, 31 * kPa), solution.end_moment, rtol=1e-12)
-    # The rung is close to the finite-strain wall here.
+    # The simplest model is close to the finite-strain wall here.
     np.testing.assert_allclose(solution.force, chamber(A, 31 * kPa).force, rtol=0.06)
     assert small_strain_moment(A, 10.0) == 0
     with pytest.raises(ValueError, match="no inclination"):

@@ -1,4 +1,4 @@
-"""The cheapest rung for a wanted error: its estimate is a bound, and nothing dearer is taken than is needed."""
+"""The cheapest model for a wanted error: its estimate is a bound, and nothing dearer is taken than is needed."""
 
 import dataclasses
 import json
@@ -53,14 +53,14 @@ def forces(scenes, cases):
 
 
 def compared(cases, kept, truth):
-    """Every lane decided on the rungs that are kept: (bounds that hold, all bounds, tolerances that are missed, lanes
-    that took the dearest rung though a cheaper one was good enough, how many rungs)."""
-    ladder = fidelity.rungs(cases[0][0], ["tip_force"])
-    places = [k for k, rung in enumerate(ladder) if kept(rung)]
+    """Every case decided on the models that are kept: (bounds that hold, all bounds, tolerances that are missed, cases
+    that took the dearest model though a cheaper one was good enough, how many models)."""
+    ladder = fidelity.model_ladder(cases[0][0], ["tip_force"])
+    places = [k for k, model in enumerate(ladder) if kept(model)]
     batch = stacked([scene for scene, *_ in cases])
-    rungs = jax.vmap(lambda scene: [rung.scene for rung in fidelity.rungs(scene, ["tip_force"])])(batch)
-    table = [forces(rungs[k], cases) for k in places]
-    kept_rungs = [ladder[k] for k in places]
+    models = jax.vmap(lambda scene: [model.scene for model in fidelity.model_ladder(scene, ["tip_force"])])(batch)
+    table = [forces(models[k], cases) for k in places]
+    kept_models = [ladder[k] for k in places]
     bounded, total, missed, needless = 0, 0, [], []
     for lane, true in enumerate(truth):
         if not np.isfinite(true) or table[-1][1][lane] != OK:
@@ -70,23 +70,23 @@ def compared(cases, kept, truth):
             return fidelity.Reading(table[k][0][lane, None], int(table[k][1][lane]))
 
         real = np.array([abs(force[lane] / true - 1) if s[lane] == OK else np.inf for force, s in table])
-        _, errors = fidelity.decide(kept_rungs, read, 1e-300)
+        _, errors = fidelity.decide(kept_models, read, 1e-300)
         known = [k for k in errors if np.isfinite(errors[k])]
         bounded += sum(real[k] <= errors[k] for k in known)
         total += len(known)
         for tolerance in TOLERANCES:
-            chosen, errors = fidelity.decide(kept_rungs, read, tolerance)
+            chosen, errors = fidelity.decide(kept_models, read, tolerance)
             if errors[chosen] <= tolerance < real[chosen]:
                 missed.append((lane, tolerance, real[chosen]))
             if chosen == len(places) - 1 and np.min(real[:-1]) <= tolerance:
                 needless.append((lane, tolerance, real))
-    return bounded, total, missed, needless, len(kept_rungs)
+    return bounded, total, missed, needless, len(kept_models)
 
 
-def few(rung):
+def few(model):
     """A handful of programs: the linear finger, without the stretch, without the weight, and the dearest two."""
     kept = [(("stretch of the cover",), "4"), (("weight of the finger",), "9"), ((), "14"), ((), "21")]
-    return rung.numerics == "explicit" or (rung.left_out, rung.numerics.split()[0]) in kept
+    return model.numerics == "explicit" or (model.left_out, model.numerics.split()[0]) in kept
 
 
 def test_estimates_bound_the_error_at_random_fingers():
@@ -99,8 +99,8 @@ def test_estimates_bound_the_error_at_random_fingers():
         except AssertionError:  # beyond its fold
             truth.append(np.nan)
     assert np.sum(np.isfinite(truth)) >= 6
-    bounded, total, missed, needless, rungs = compared(cases, few, truth)
-    assert rungs == 5
+    bounded, total, missed, needless, models = compared(cases, few, truth)
+    assert models == 5
     assert bounded == total
     assert total > 25
     assert not missed
@@ -109,12 +109,12 @@ def test_estimates_bound_the_error_at_random_fingers():
 
 @pytest.mark.slow
 def test_estimates_bound_the_error_at_a_thousand_fingers():
-    """Against twice the points of the dearest rung, on every rung of the ladder."""
+    """Against twice the points of the dearest model, on every model of the ladder."""
     cases = random_fingers(np.random.default_rng(4), 1000)
     truth, status = forces(stacked([dataclasses.replace(scene, points=32) for scene, *_ in cases]), cases)
     truth = np.where(status == OK, truth, np.nan)
-    bounded, total, missed, needless, rungs = compared(cases, lambda _: True, truth)
-    print(f"{np.sum(status == OK)} fingers with an equilibrium, {rungs} rungs: bounds hold in {bounded} of {total}")
+    bounded, total, missed, needless, models = compared(cases, lambda _: True, truth)
+    print(f"{np.sum(status == OK)} fingers with an equilibrium, {models} models: bounds hold in {bounded} of {total}")
     print("missed:", missed, "needlessly dear:", needless)
     assert np.sum(status == OK) > 900
     assert bounded >= 0.99 * total
@@ -122,10 +122,10 @@ def test_estimates_bound_the_error_at_a_thousand_fingers():
 
 
 def test_coarse_numerics_that_agree_by_chance_do_not_rule_out_finer_ones():
-    """Errors of two coarse rungs may be equal; where nothing is left out, finer ones always help."""
+    """Errors of two coarse models may be equal; where nothing is left out, finer ones always help."""
     errors = [4e-1, 7.13e-5, 7.15e-5, 2.4e-7, 7.8e-10, 0.0]
-    finer = [fidelity.Rung(None, (), f"{2**k} points", float(k), fidelity.POINT_GAIN) for k in range(5)]
-    ladder = [fidelity.Rung(None, ("all loads",), "explicit", 0.0), *finer]
+    finer = [fidelity.LadderModel(None, (), f"{2**k} points", float(k), fidelity.POINT_GAIN) for k in range(5)]
+    ladder = [fidelity.LadderModel(None, ("all loads",), "explicit", 0.0), *finer]
     for tolerance, wanted in ((1e-4, 1), (1e-6, 3), (1e-8, 4)):
         chosen, _ = fidelity.decide(ladder, lambda k: fidelity.Reading(np.array([1 + errors[k]]), OK), tolerance)
         assert chosen == wanted
@@ -154,9 +154,10 @@ def test_without_a_value_nothing_is_left_out():
     untouched = fidelity.choose(sg.shell.CylinderContact(shell(), **ROD), 1.0)
     assert (int(untouched.solution.status), untouched.error) == (int(sg.Status.NO_CONTACT), 0.0)
     # A linear finger is straight below first contact: zero force is right, the tip of a held finger it does not know.
-    linear = fidelity.rungs(contact(TYPE_A, "exact"), ["tip_force"])[0].scene
+    linear = fidelity.model_ladder(contact(TYPE_A, "exact"), ["tip_force"])[0].scene
     assert isinstance(linear, sg.pneunet.Linear)
-    assert not any(isinstance(r.scene, sg.pneunet.Linear) for r in fidelity.rungs(contact(TYPE_A, "exact"), ["tip"]))
+    ladder = fidelity.model_ladder(contact(TYPE_A, "exact"), ["tip"])
+    assert not any(isinstance(model.scene, sg.pneunet.Linear) for model in ladder)
 
 
 @pytest.mark.parametrize(
@@ -188,16 +189,16 @@ def test_command_line(capsys):
         assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_rungs_of_every_kind_are_ordered_and_complete():
+def test_ladders_of_every_kind_are_ordered_and_complete():
     """Cheapest first, the dearest leaves nothing out; each simplification is there alone and with the others."""
     finger = pneunet(TYPE_A)
-    free = fidelity.rungs(sg.pneunet.Free(finger), ["tip"])
+    free = fidelity.model_ladder(sg.pneunet.Free(finger), ["tip"])
     assert [r.cost for r in free[:-1]] == sorted(r.cost for r in free[:-1])
     assert free[-1].left_out == ()
     assert {len(r.left_out) for r in free} == {0, 1, 2, 3}
     assert len({r.left_out for r in free}) == 9  # 2^3 and the linear finger
     assert len(free[-1].scene.chambers()[1].places) == 6  # in each of 13 parts; with 4 in each the error is estimated
-    energy = fidelity.rungs(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
+    energy = fidelity.model_ladder(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
     assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
     assert energy[0].scene.model == "arc"
-    assert len(fidelity.rungs(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1
+    assert len(fidelity.model_ladder(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1

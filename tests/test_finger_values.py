@@ -181,7 +181,7 @@ def test_friction_that_falls_with_the_force():
     np.testing.assert_allclose(found, (0.3 / 1.2) ** (4 / 3), rtol=1e-12)
 
 
-# --- the linear rung ----------------------------------------------------------------------------------------------
+# --- the linear finger --------------------------------------------------------------------------------------------
 
 
 def test_linear_finger_by_hand():

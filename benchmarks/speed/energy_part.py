@@ -80,7 +80,7 @@ def _warm(scene: Any) -> float:
 
     def begin(scene, pressure):
         guess = scene.first_guess(jnp.ones_like(pressure))
-        return scene.find_from(scene.rest(), jnp.zeros_like(pressure), guess, pressure)[1:]
+        return scene.find_from(scene.unloaded_state(), jnp.zeros_like(pressure), guess, pressure)[1:]
 
     def go(scene, start, load, slope, pressure):
         return scene.find_from(start, load, slope, pressure)[0]

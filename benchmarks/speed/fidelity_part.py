@@ -1,4 +1,4 @@
-"""`fidelity.choose` at a thousand random fingers: is its estimate a bound, and is the dearest rung taken needlessly?
+"""`fidelity.choose` at a thousand random fingers: is its estimate a bound, and is the dearest model taken needlessly?
 
 The comparison itself is that of tests/test_fidelity.py, which makes it at a few fingers.
 """

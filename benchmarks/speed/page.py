@@ -189,7 +189,7 @@ def add_fidelity(add: Callable[..., None], tables: Tables) -> None:
     row = tables["fidelity"][0]
     share, dear = row["share"], row["needlessly_dearest"]
     add("fidelity.choose: estimates that bound the error", "99 %", f"{100 * share:.2f} %", share >= 0.99)
-    add("... the dearest rung where a cheaper one suffices", "never", f"{dear:g} times", dear == 0)
+    add("... the dearest model where a cheaper one suffices", "never", f"{dear:g} times", dear == 0)
 
 
 def add_energy(add: Callable[..., None], tables: Tables) -> None:
@@ -247,10 +247,10 @@ def _fidelity(tables: Tables, told: dict[str, Any]) -> list[str]:
     row = tables["fidelity"][0]
     return [
         f"{row['fingers']:,.0f} random fingers, {row['with_equilibrium']:,.0f} with an equilibrium, {row['rungs']:g}"
-        " rungs:"
+        " models:"
         f" the estimate bounds the error in {row['bounds']:,.0f} of {row['estimates']:,.0f} cases"
         f" ({100 * row['share']:.2f} %). In {row['over_tolerance']:g} choices the error is over the tolerance that was"
-        f" thought to be kept, and in {row['needlessly_dearest']:g} the dearest rung was taken where a cheaper one was"
+        f" thought to be kept, and in {row['needlessly_dearest']:g} the dearest model was taken where a cheaper one was"
         " good enough."
     ]
 

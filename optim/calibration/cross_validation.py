@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
-from .fit import CONFIDENCE, Fit, off_bounds, run_lanes
+from .fit import CONFIDENCE, Fit, off_bounds, run_members
 
 
 def held_out(fit: Fit) -> dict[str, tuple[np.ndarray, float]]:
@@ -22,9 +22,9 @@ def held_out(fit: Fit) -> dict[str, tuple[np.ndarray, float]]:
         return {}
     found = {}
     for k in fitted:
-        kept = np.asarray(fit.lane.weight) * (fitting.of_curve != k)
-        lane = fit.lane._replace(start=jnp.asarray(off_bounds(fitting, fit.lane.start)), weight=jnp.asarray(kept))
-        end = fitting.fit_lane_jit(lane)
+        kept = np.asarray(fit.member.weight) * (fitting.of_curve != k)
+        member = fit.member._replace(start=jnp.asarray(off_bounds(fitting, fit.member.start)), weight=jnp.asarray(kept))
+        end = fitting.fit_member_jit(member)
         response = fitting.predict_at(end.x).response
         errors = np.where(response.ok, np.asarray(response.values) - fitting.y, np.nan)[fitting.of_curve == k]
         errors = errors[np.isfinite(errors)]
@@ -54,13 +54,13 @@ def by_specimen(fit: Fit) -> Specimens | None:
             for c in fitting.curves
         ]
     )
-    fitted = np.asarray(fit.lane.weight)
+    fitted = np.asarray(fit.member.weight)
     names = [name for name in dict.fromkeys(labels) if name and fitted[labels == name].any()]
     weights = [fitted * (labels == name) for name in names]
     if len(names) < 2 or min(w.sum() for w in weights) <= fitting.space.size:
         return None
-    start = jnp.asarray(off_bounds(fitting, fit.lane.start))
-    ends = run_lanes(fitting, [fit.lane._replace(start=start, weight=jnp.asarray(w)) for w in weights])
+    start = jnp.asarray(off_bounds(fitting, fit.member.start))
+    ends = run_members(fitting, [fit.member._replace(start=start, weight=jnp.asarray(w)) for w in weights])
     log = fitting.space.is_log
     z = np.where(log, np.log(np.where(log, ends.x, 1.0)), ends.x)
     half = stats.t.ppf(0.5 + 0.5 * CONFIDENCE, len(names) - 1) * z.std(axis=0, ddof=1) / np.sqrt(len(names))

@@ -52,7 +52,32 @@ class Column:
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """Measured points of one quantity of one model, in SI."""
+    """Measured points of one quantity of one model.
+
+    Args:
+        name: of the curve.
+        model: which of the models it belongs to.
+        quantity: an observable of a scene; "stress" of a tension test.
+        kind: of the quantity, a key of `units.DISPLAY`.
+        x: pressure, Pa, or engineering strain of a tension test, dimensionless, shape (n,).
+        y: the measured quantity, in SI, shape (n,).
+        component: of a position: 0 for x, 1 for y.
+        noise: standard deviation of y, in SI; None where it shall be estimated from the residuals.
+        fit: False where it is predicted and compared, but not fitted.
+        specimen: a number for each point, shape (n,), where there are several specimens or repeats; None for one.
+        specimens: their names.
+        notes: what was left out or looks odd, in sentences.
+
+    Raises:
+        InputError: where noise is not positive.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2)
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> print(f"{curve.size / kPa:.0f} kPa")
+        175 kPa
+    """
 
     name: str
     model: str

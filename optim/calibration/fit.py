@@ -4,10 +4,10 @@
 >>> print(fit.x, fit.low, fit.high)
 
 The steps: several starts, the best of them; noises that are not stated estimated and the fit repeated with them until
-they settle (iterated weighted least squares); points at the limit of the model put to the test and left out where they
-have no equilibrium; covariance. The fit is compiled once, and every later one (bootstrap, profile, a curve or a
-specimen alone) shares the program. On a CPU the lanes run one after the other, which was up to twice as fast as under
-vmap: a lane is already a batch over its points, and none waits for the slowest.
+they converge (iterated weighted least squares); points at the limit of the model put to the test and left out where
+they have no equilibrium; covariance. The fit is compiled once, and every later one (bootstrap, profile, a curve or a
+specimen alone) shares the program. On a CPU the fits run one after the other, which was up to twice as fast as under
+vmap: a fit is already a batch over its points, and none waits for the slowest.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from ..space import to_free, to_unit
 from .model import FitMember, Fitted, Fitting, Predicted
 
 CONFIDENCE = 0.95
-"""Of every interval."""
+"""Confidence of every interval."""
 
 STARTS = 8
 """Fits that are tried: from the values as given, and from a Sobol set between the bounds."""
 
-NOISE_ROUNDS, NOISE_SETTLED = 30, 1e-4
-"""Estimated noises settle to a part of themselves, usually within ten rounds."""
+NOISE_ROUNDS, NOISE_CONVERGED = 30, 1e-4
+"""Estimated noises have converged when they change by less than this part of themselves, usually within ten rounds."""
 
 ON_BOUND = 1e-3
 """A parameter this near to a bound (of its range) is held by it."""
@@ -51,10 +51,34 @@ SAME_PARAMETERS = 1e-2
 
 @dataclasses.dataclass(frozen=True)
 class Fit:
-    """A finished fit. Arrays of parameters are in the order of `fitting.space.names`, points in that of the curves."""
+    """A finished fit.
+
+    Arrays of parameters are in the order of `fitting.space.names`, arrays of points in that of the curves.
+
+    Args:
+        fitting: models, parameters and curves.
+        member: the data with the weights and noises of the last fit; its `start` is where it ended.
+        predicted: what the models say there.
+        x: the parameters, in SI, shape (n,).
+        scales: a change of a parameter times its scale is in SI; log parameters scale with their value; shape (n,).
+        covariance: of the scaled parameters, dimensionless, shape (n, n).
+        cost: half the sum of squares of the weighted residuals, dimensionless.
+        steps: of the last fit.
+        notes: what was left out or looks odd, in sentences.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2) * (1 + 1e-3 * np.cos(9 * strain))
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> bool(fit.low[0] < 100 * kPa < fit.high[0])
+        True
+    """
 
     fitting: Fitting
-    lane: FitMember
+    member: FitMember
     """The data with the weights and noises of the last fit; `start` is where it ended."""
     predicted: Predicted
     x: np.ndarray
@@ -71,7 +95,7 @@ class Fit:
     @property
     def used(self) -> np.ndarray:
         """Points that were fitted."""
-        return np.asarray(self.lane.weight) > 0
+        return np.asarray(self.member.weight) > 0
 
     @property
     def freedom(self) -> int:
@@ -134,7 +158,7 @@ class Fit:
 
     def chi_square(self, k: int) -> float:
         """Mean square of error over stated noise, of a curve: 1 where the model is right and the noise is too."""
-        return (self.rmse(k) / float(self.lane.sigma[k])) ** 2
+        return (self.rmse(k) / float(self.member.sigma[k])) ** 2
 
     def modules(self) -> dict[str, Any]:
         """The models, as they were given, with the fitted parameters."""
@@ -167,12 +191,12 @@ class Fit:
         return np.concatenate(x), np.concatenate(y), np.concatenate(half)
 
 
-def run_lanes(fitting: Fitting, lanes: Sequence[FitMember], stage: str = "", report: Tell = silent) -> Fitted:
+def run_members(fitting: Fitting, members: Sequence[FitMember], stage: str = "", report: Tell = silent) -> Fitted:
     """Many fits, stacked, by the one compiled program; `report` is told the stage and how many are done."""
     ends = []
-    for k, lane in enumerate(lanes):
-        report(stage, k, len(lanes))
-        ends.append(jax.block_until_ready(fitting.fit_lane_jit(lane)))
+    for k, member in enumerate(members):
+        report(stage, k, len(members))
+        ends.append(jax.block_until_ready(fitting.fit_member_jit(member)))
     return jax.tree.map(lambda *leaves: np.stack([np.asarray(v) for v in leaves]), *ends)
 
 
@@ -183,46 +207,69 @@ def calibrate(
     report: Tell = silent,
     canonical: Callable[[np.ndarray], np.ndarray] = lambda x: x,
 ) -> Fit:
-    """The best fit; `report` is told of every stage.
+    """The best fit of models to measured curves.
 
-    `canonical` gives parameters (SI) that describe the same model, such as terms of a sum in another order, one form.
+    It minimises the sum of squares of (model - measurement) / noise, with the loss of the fitting, from several starts
+    by Levenberg and Marquardt's method.
 
-    Raises: ValueError in one sentence where the data cannot give one.
+    Args:
+        fitting: models, parameters and curves.
+        starts: number of starts, the given parameters first.
+        seed: of the others, a Sobol set.
+        report: told of every stage.
+        canonical: gives parameters (SI) that describe the same model, such as terms of a sum in another order, one
+            form.
+
+    Returns:
+        The fit, with the covariance of its parameters.
+
+    Raises:
+        InputError: where the data cannot give a fit.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2)  # Treloar's uniaxial tension
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> print(f"{fit.x[0] / kPa:.4f} kPa")
+        100.0000 kPa
     """
     require_data(fitting)
     space = fitting.space
     home = space.inside(space.to_unit(space.reference))
     cloud = qmc.Sobol(space.size, rng=seed).random_base2(int(np.ceil(np.log2(starts)))) if starts > 1 else []
     units = np.array([home, *cloud])[:starts]
-    lanes = [fitting.lane(to_free(space.inside(t))) for t in units]
-    tried = run_lanes(fitting, lanes, "compiling once, then fits from several starts", report)
+    members = [fitting.member(to_free(space.inside(t))) for t in units]
+    tried = run_members(fitting, members, "compiling once, then fits from several starts", report)
     best = int(np.argmin(np.where(np.isfinite(tried.cost), tried.cost, np.inf)))
-    lane = lanes[best]._replace(start=jnp.asarray(off_bounds(fitting, tried.u[best])))
+    member = members[best]._replace(start=jnp.asarray(off_bounds(fitting, tried.u[best])))
     notes = _other_minima(fitting, tried, best, canonical)
     report("noise")
-    lane = with_noise(fitting, lane)
-    lane, dropped = _without_lost_points(fitting, lane)
-    if int(lane.weight.sum()) <= space.size:
+    member = with_noise(fitting, member)
+    member, dropped = _without_lost_points(fitting, member)
+    if int(member.weight.sum()) <= space.size:
         why = implausible(fitting) or ["the pressures of the others are beyond the limit point of the model."]
         raise InputError(
-            f"{int(lane.weight.sum())} of {int(fitting.weight.sum())} points have an equilibrium within the bounds, "
+            f"{int(member.weight.sum())} of {int(fitting.weight.sum())} points have an equilibrium within the bounds, "
             f"too few for a fit: {why[0]}"
         )
-    return finished(fitting, lane, (*notes, *dropped))
+    return finished(fitting, member, (*notes, *dropped))
 
 
-def finished(fitting: Fitting, lane: FitMember, notes: Sequence[str] = ()) -> Fit:
-    """The last fit from where the lane starts, with its statistics."""
-    end = fitting.fit_lane_jit(lane)
-    lane = lane._replace(start=end.u)
+def finished(fitting: Fitting, member: FitMember, notes: Sequence[str] = ()) -> Fit:
+    """The last fit from where the member starts, with its statistics."""
+    end = fitting.fit_member_jit(member)
+    member = member._replace(start=end.u)
     predicted = fitting.predict_at(end.x)
     scales = fitting.scales(end.x)
-    found = fitting.statistics(predicted, lane, scales)
+    found = fitting.statistics(predicted, member, scales)
     if not bool(end.converged):
-        notes = (*notes, f"The fit had not settled after {int(end.steps)} steps.")
+        notes = (*notes, f"The fit had not converged after {int(end.steps)} steps.")
     return Fit(
         fitting,
-        lane,
+        member,
         predicted,
         np.asarray(end.x),
         np.asarray(scales),
@@ -253,22 +300,22 @@ def require_data(fitting: Fitting) -> None:
             )
 
 
-def with_noise(fitting: Fitting, lane: FitMember) -> FitMember:
-    """The lane with its noises estimated where they are not stated, and started where its fit ends."""
+def with_noise(fitting: Fitting, member: FitMember) -> FitMember:
+    """The member with its noises estimated where they are not stated, and started where its fit ends."""
     for _ in range(NOISE_ROUNDS):
-        end = fitting.fit_lane_jit(lane)
-        lane = lane._replace(start=end.u)
+        end = fitting.fit_member_jit(member)
+        member = member._replace(start=end.u)
         predicted = fitting.predict_at(end.x)
-        sigma = fitting.statistics(predicted, lane, fitting.scales(end.x)).sigma
-        change = float(jnp.max(jnp.abs(sigma / lane.sigma - 1)))
-        lane = lane._replace(sigma=sigma)
-        if change < NOISE_SETTLED:
+        sigma = fitting.statistics(predicted, member, fitting.scales(end.x)).sigma
+        change = float(jnp.max(jnp.abs(sigma / member.sigma - 1)))
+        member = member._replace(sigma=sigma)
+        if change < NOISE_CONVERGED:
             break
-    return lane
+    return member
 
 
-def _without_lost_points(fitting: Fitting, lane: FitMember) -> tuple[FitMember, list[str]]:
-    """The lane without the points that have no equilibrium at its best fit, and a sentence per curve about them.
+def _without_lost_points(fitting: Fitting, member: FitMember) -> tuple[FitMember, list[str]]:
+    """The member without the points that have no equilibrium at its best fit, and a sentence per curve about them.
 
     A point just below the limit may hold the fit there: a little softer, and it would have no equilibrium, which costs
     more than any misfit. Whether it does is asked by a fit without it: where that fit leaves it without equilibrium it
@@ -276,21 +323,21 @@ def _without_lost_points(fitting: Fitting, lane: FitMember) -> tuple[FitMember, 
     """
     left_out = np.zeros(len(fitting.y), dtype=bool)
     while True:
-        response = fitting.predict_at(fitting.space.from_unit(to_unit(lane.start))).response
-        weight = np.asarray(lane.weight)
+        response = fitting.predict_at(fitting.space.from_unit(to_unit(member.start))).response
+        weight = np.asarray(member.weight)
         near = (weight > 0) & (~np.asarray(response.ok) | (np.asarray(response.share) > NEAR_LIMIT))
         if not near.any() or (weight * ~near).sum() <= fitting.space.size:
             lost = (weight > 0) & ~np.asarray(response.ok)
             left_out |= lost
-            lane = lane._replace(weight=jnp.asarray(weight * ~lost))
+            member = member._replace(weight=jnp.asarray(weight * ~lost))
             break
-        trial = with_noise(fitting, lane._replace(weight=jnp.asarray(weight * ~near)))
+        trial = with_noise(fitting, member._replace(weight=jnp.asarray(weight * ~near)))
         there = fitting.predict_at(fitting.space.from_unit(to_unit(trial.start))).response
         lost = near & ~np.asarray(there.ok)
         if not lost.any():
             break
         left_out |= lost
-        lane = with_noise(fitting, trial._replace(weight=jnp.asarray(weight * ~lost)))
+        member = with_noise(fitting, trial._replace(weight=jnp.asarray(weight * ~lost)))
     notes = []
     for k, curve in enumerate(fitting.curves):
         lost = left_out & (fitting.of_curve == k)
@@ -303,7 +350,7 @@ def _without_lost_points(fitting: Fitting, lane: FitMember) -> tuple[FitMember, 
                 if curve.quantity != "stress"
                 else f"{curve.name}: {count} left out: the material does not reach their strain."
             )
-    return lane, notes
+    return member, notes
 
 
 def off_bounds(fitting: Fitting, u: Any) -> np.ndarray:
@@ -316,7 +363,7 @@ def _other_minima(
 ) -> list[str]:
     """A sentence where other starts ended in a fit nearly as good at other parameters.
 
-    Whether those fits have settled does not matter: on the floor of a valley none may, and all of it is equally good.
+    Whether those fits have converged does not matter: on the floor of a valley none may, and all of it is equally good.
     """
     close = tried.cost <= tried.cost[best] * (1 + SAME_COST) + SAME_COST
     x = np.array([canonical(row) for row in tried.x[close]]).reshape(-1, fitting.space.size)

@@ -40,13 +40,13 @@ HELPFUL = 0.1
 """A further measurement is named when it determines the direction to this relative standard deviation."""
 
 ASSUMED_NOISE, ASSUMED_POINTS = 0.01, 10
-"""Of a further measurement: part of its largest value, and how many points."""
+"""A further measurement has this noise, as a part of its largest value, and so many points."""
 
 NOTHING = 1e-12
-"""Relative derivatives below this are none: rounding."""
+"""Relative derivatives below this are rounding."""
 
 STRAINS = (0.05, 1.0)
-"""Range of a tension test."""
+"""A further tension test covers these strains."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,8 +100,8 @@ def _relative(fit: Fit) -> np.ndarray:
 
 
 def _relative_jacobian(fit: Fit) -> np.ndarray:
-    sigma = np.asarray(fit.lane.sigma)[fit.fitting.of_curve]
-    return np.asarray(fit.predicted.slopes) * _relative(fit) * (np.sqrt(np.asarray(fit.lane.weight)) / sigma)[:, None]
+    sigma = np.asarray(fit.member.sigma)[fit.fitting.of_curve]
+    return np.asarray(fit.predicted.slopes) * _relative(fit) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
 
 
 def _directions(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -24,15 +24,15 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 
 from ..space import to_free
-from .fit import CONFIDENCE, Fit, run_lanes
+from .fit import CONFIDENCE, Fit, run_members
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
 
 REPEATS = 1000
-"""Bootstrap fits: the ends of a 95 % interval then stand on 25 fits each."""
+"""With so many bootstrap fits the ends of a 95 % interval stand on 25 fits each."""
 
 MIN_CONVERGED = 0.9
-"""Of the bootstrap fits: with fewer the percentiles mean little, and the report says so."""
+"""Where fewer than this part of the bootstrap fits converge, the percentiles mean little, and the report says so."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +46,34 @@ class Intervals:
 
 
 def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, report: Tell = silent) -> Intervals:
-    """The intervals by the named method; repeats and seed are of the bootstrap."""
+    """The 95 % intervals of fitted parameters.
+
+    Args:
+        fit: the fit.
+        method: "gauss_newton" (from the covariance), "profile" (of the likelihood) or "bootstrap".
+        repeats: fits of the bootstrap.
+        seed: of the bootstrap.
+        report: told of every stage.
+
+    Returns:
+        Their ends, in SI.
+
+    Raises:
+        InputError: for another method.
+
+    Source: Seber and Wild 2003; Efron and Tibshirani 1993.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> stress = 100 * kPa * (1 + strain - (1 + strain) ** -2) * (1 + 1e-3 * np.cos(9 * strain))
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, stress)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> moduli = [optim.Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        >>> fit = optim.calibrate(optim.Fitting({"strip": strip}, moduli, [curve]), starts=1)
+        >>> ends = optim.intervals(fit, "gauss_newton")
+        >>> bool(ends.low[0] < 100 * kPa < ends.high[0])
+        True
+    """
     if method == "gauss_newton":
         return Intervals(method, fit.low, fit.high)
     if method == "bootstrap":
@@ -62,7 +89,7 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Inter
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
     if len(kept) < MIN_CONVERGED * repeats:
-        notes.append(f"Only {len(kept)} of {repeats} bootstrap fits settled: its intervals mean little.")
+        notes.append(f"Only {len(kept)} of {repeats} bootstrap fits converged: its intervals mean little.")
     if len(kept) < 2:
         nothing = np.full(draws.shape[1], np.nan)
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
@@ -71,19 +98,19 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Inter
 
 
 def bootstrap_fits(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> np.ndarray:
-    """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not settle."""
+    """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not converge."""
     fitting, rng = fit.fitting, np.random.default_rng(seed)
-    weight = np.asarray(fit.lane.weight)
+    weight = np.asarray(fit.member.weight)
     start = jnp.asarray(_start(fit, fit.x))
-    lanes = []
+    members = []
     for _ in range(repeats):
         drawn = np.zeros_like(weight)
         for k in range(len(fitting.curves)):
             own = np.flatnonzero((fitting.of_curve == k) & (weight > 0))
             if own.size:
                 drawn += np.bincount(rng.choice(own, own.size), minlength=len(weight))
-        lanes.append(fit.lane._replace(start=start, weight=jnp.asarray(drawn)))
-    ends = run_lanes(fitting, lanes, "bootstrap", report)
+        members.append(fit.member._replace(start=start, weight=jnp.asarray(drawn)))
+    ends = run_members(fitting, members, "bootstrap", report)
     return np.where(ends.converged[:, None], ends.x, np.nan)
 
 
@@ -139,12 +166,12 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
 def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:
     """sqrt(2 (cost - best)) with parameter j held at changes of its scaled value."""
     free = np.arange(fit.fitting.space.size) != j
-    lanes = []
+    members = []
     for change in changes:
         x = fit.shifted(np.where(free, 0.0, change))
         start = np.where(free, _start(fit, fit.x), np.asarray(to_free(fit.fitting.space.to_unit(x))))
-        lanes.append(fit.lane._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
-    added = np.asarray(run_lanes(fit.fitting, lanes).cost) - fit.cost
+        members.append(fit.member._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
+    added = np.asarray(run_members(fit.fitting, members).cost) - fit.cost
     return np.sqrt(2 * np.maximum(added, 0))
 
 

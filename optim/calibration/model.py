@@ -38,7 +38,7 @@ from ..tension.test import Tension
 from .data import Curve
 
 TOLERANCE = 1e-8
-"""The fit has settled when a step that lowers the cost changes neither the free parameters (of order one) nor the
+"""The fit has converged when a step that lowers the cost changes neither the free parameters (of order one) nor the
 residuals (relative to the size of their curve) by more. A smaller step changes the cost by less than its rounding, and
 is taken or not by chance."""
 
@@ -152,7 +152,27 @@ class _Marquardt(optx.LevenbergMarquardt):
 
 
 class Fitting:
-    """Models, their varied parameters, and the curves that they shall follow. Curves of one model share its solves."""
+    """Models, their varied parameters, and the curves that they shall follow.
+
+    Curves of one model share its solves.
+
+    Args:
+        models: scenes and tension tests by name.
+        variables: the parameters and their bounds.
+        curves: what was measured.
+        loss: "linear", or a robust one, see LOSSES.
+
+    Raises:
+        InputError: for an unknown loss, or a name that no model has.
+
+    Examples:
+        >>> strain = np.linspace(0.1, 1.0, 10)
+        >>> curve = optim.Curve("test", "strip", "stress", "pressure", strain, 100 * kPa * strain)
+        >>> strip = optim.Tension(sg.NeoHookean(mu=150 * kPa))
+        >>> fitting = optim.Fitting({"strip": strip}, [optim.Variable("material.mu", 10 * kPa, 1000 * kPa)], [curve])
+        >>> fitting.space.names
+        ['material.mu']
+    """
 
     def __init__(
         self,
@@ -183,7 +203,7 @@ class Fitting:
         self.known = np.array([c.noise is not None for c in curves])
         """Curves with a stated noise."""
         self.weight = np.concatenate([np.full(len(c.x), float(c.fit)) for c in curves])
-        self.fit_lane_jit = jax.jit(self.fit_lane)
+        self.fit_member_jit = jax.jit(self.fit_member)
         self._predict_jit = jax.jit(self._predict_with_slopes)
 
     def predict(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Response:
@@ -208,7 +228,7 @@ class Fitting:
         (slopes, back), response = jax.jacfwd(split, has_aux=True)(x)
         return Predicted(response, slopes, back)
 
-    def residuals(self, u: Float[Array, " n"], lane: FitMember) -> tuple[Float[Array, " N"], Predicted]:
+    def residuals(self, u: Float[Array, " n"], member: FitMember) -> tuple[Float[Array, " N"], Predicted]:
         """(g(r) before the weights, what it comes from). The derivative by u is exact, and there is no second one.
 
         Values and slopes come from one program, traced once, and the chain rule by u is attached to them: the solver's
@@ -216,30 +236,30 @@ class Fitting:
         """
         x = self.space.from_unit(to_unit(u))
         at = jax.lax.stop_gradient(x)
-        response, slopes, back = predicted = jax.lax.stop_gradient(self._predict_jit(at, lane.xs))
+        response, slopes, back = predicted = jax.lax.stop_gradient(self._predict_jit(at, member.xs))
         values, missing = response.values + slopes @ (x - at), response.missing + back @ (x - at)
-        sigma = lane.sigma[self.of_curve]
+        sigma = member.sigma[self.of_curve]
         lost = (jnp.asarray(self.sizes)[self.of_curve] / sigma) * (1 + missing)
-        return LOSSES[self.loss](jnp.where(response.ok, (values - lane.y) / sigma, lost)), predicted
+        return LOSSES[self.loss](jnp.where(response.ok, (values - member.y) / sigma, lost)), predicted
 
-    def fit_lane(self, lane: FitMember) -> Fitted:
+    def fit_member(self, member: FitMember) -> Fitted:
         """One fit."""
-        scale = jnp.min(lane.sigma / self.sizes)
+        scale = jnp.min(member.sigma / self.sizes)
 
-        def scaled(u, lane):
-            residuals, predicted = self.residuals(jnp.where(lane.free, u, lane.start), lane)
-            weighted = scale * jnp.sqrt(lane.weight) * residuals
+        def scaled(u, member):
+            residuals, predicted = self.residuals(jnp.where(member.free, u, member.start), member)
+            weighted = scale * jnp.sqrt(member.weight) * residuals
             # A parameter that is held: its own residual keeps the equations regular and its step zero.
-            whole = jnp.concatenate([weighted, jnp.where(lane.free, 0.0, u - lane.start)])
-            return whole, (0.5 * jnp.sum(residuals**2 * lane.weight), predicted)
+            whole = jnp.concatenate([weighted, jnp.where(member.free, 0.0, u - member.start)])
+            return whole, (0.5 * jnp.sum(residuals**2 * member.weight), predicted)
 
         end = optx.least_squares(
-            scaled, _Marquardt(), lane.start, args=lane, has_aux=True, max_steps=MAX_STEPS, throw=False
+            scaled, _Marquardt(), member.start, args=member, has_aux=True, max_steps=MAX_STEPS, throw=False
         )
         cost, predicted = end.aux
         x = self.space.from_unit(to_unit(end.value))
-        settled = end.result == optx.RESULTS.successful
-        return Fitted(end.value, x, cost, predicted, end.stats["num_steps"], settled)
+        converged = end.result == optx.RESULTS.successful
+        return Fitted(end.value, x, cost, predicted, end.stats["num_steps"], converged)
 
     def predict_at(self, x: Any, **xs: Any) -> Predicted:
         """The models at parameters x (SI, within their bounds), at other points where `xs` gives them by model.
@@ -247,22 +267,22 @@ class Fitting:
         It is a fit with every parameter held, so that nothing more is compiled.
         """
         t = self.space.to_unit(x)
-        lane = self.lane(to_free(np.clip(t, 0, 1)), free=np.zeros(self.space.size, dtype=bool))
+        member = self.member(to_free(np.clip(t, 0, 1)), free=np.zeros(self.space.size, dtype=bool))
         points = {name: jnp.asarray(value) for name, value in xs.items()}
-        return self.fit_lane_jit(lane._replace(xs=lane.xs | points)).predicted
+        return self.fit_member_jit(member._replace(xs=member.xs | points)).predicted
 
     def points(self) -> dict[str, Array]:
         """The pressures and strains at which each model is asked."""
         return {name: jnp.asarray(x) for name, x in self.xs.items()}
 
-    def lane(self, start: Any, **changes: Any) -> FitMember:
+    def member(self, start: Any, **changes: Any) -> FitMember:
         """The data as measured, with some entries changed; noises that are not stated start at 1 % of the curve."""
         noises = [c.noise or START_NOISE * c.size for c in self.curves]
         free = jnp.ones(self.space.size, dtype=bool)
-        lane = FitMember(
+        member = FitMember(
             jnp.asarray(start), free, self.points(), jnp.asarray(self.y), jnp.asarray(self.weight), jnp.asarray(noises)
         )
-        return lane._replace(**{name: jnp.asarray(value) for name, value in changes.items()})
+        return member._replace(**{name: jnp.asarray(value) for name, value in changes.items()})
 
     def scales(self, x: Any) -> Any:
         """What makes a change of each parameter a pure number: its value (log), or its range (linear)."""
@@ -274,7 +294,7 @@ class Fitting:
         space = self.space
         return np.where(space.low > 0, x, np.maximum(np.abs(x), 1e-3 * (space.high - space.low)))
 
-    def statistics(self, predicted: Predicted, lane: FitMember, scales: Any) -> Statistics:
+    def statistics(self, predicted: Predicted, member: FitMember, scales: Any) -> Statistics:
         """Noise per curve and covariance of the parameters from where a fit ended.
 
         With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
@@ -285,11 +305,11 @@ class Fitting:
         With a robust loss an unknown sigma_k is 1.4826 times the median of |f - y| (of points with a weight).
         """
         of_curve, count = self.of_curve, len(self.curves)
-        sigma = lane.sigma[of_curve]
-        weight = lane.weight * predicted.response.ok
+        sigma = member.sigma[of_curve]
+        weight = member.weight * predicted.response.ok
         jacobian = predicted.slopes * jnp.asarray(scales)[None, :] * (jnp.sqrt(weight) / sigma)[:, None]
         covariance = _inverse_square(jacobian)
-        r = jnp.where(weight > 0, (predicted.response.values - lane.y) / sigma, 0.0)
+        r = jnp.where(weight > 0, (predicted.response.values - member.y) / sigma, 0.0)
         leverage = jnp.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
         curves = jnp.arange(count)[:, None] == of_curve[None, :]
         freedom, points = curves @ (weight - leverage), curves @ weight
@@ -300,8 +320,8 @@ class Fitting:
             typical = jnp.nanmedian(jnp.where(seen, jnp.abs(r)[None, :], jnp.nan), axis=1)
             square = (NORMAL_MAD * typical) ** 2 * points / jnp.where(freedom > 0, freedom, 1.0)
         least = (LEAST_NOISE * self.sizes) ** 2
-        estimated = jnp.sqrt(jnp.maximum(square * lane.sigma**2, least))
-        estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), lane.sigma, estimated)
+        estimated = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
+        estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), member.sigma, estimated)
         return Statistics(estimated, covariance * self._robust_factor(r, weight))
 
     def _robust_factor(self, r: Array, weight: Array) -> Array:
@@ -314,10 +334,10 @@ class Fitting:
 
 
 START_NOISE = 1e-2
-"""Of the size of a curve: where the estimate of a noise begins."""
+"""The estimate of a noise begins at this part of the size of its curve."""
 
 LEAST_NOISE = 1e-6
-"""Of the size of a curve: no estimated noise is smaller, as for numbers that were computed and not measured."""
+"""No estimated noise is smaller than this part of the size of its curve; numbers that were computed have none."""
 
 NORMAL_MAD = 1.4826
 """Standard deviation over median absolute deviation, normal noise."""

@@ -137,7 +137,7 @@ def curve_table(findings: Findings) -> Table:
         table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
     for k, curve in enumerate(fit.fitting.curves):
         used = int((fit.used & (fit.fitting.of_curve == k)).sum())
-        sigma = f"{_short(float(fit.lane.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()
+        sigma = f"{_short(float(fit.member.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()
         row = [curve.name, f"{used} of {len(curve.x)}" if curve.fit else "predicted", sigma if curve.fit else "-"]
         row.append(f"{_short(fit.rmse(k), curve)} ({fit.rmse(k) / curve.size:.1%})")
         if findings.held_out:

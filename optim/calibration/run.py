@@ -145,7 +145,7 @@ def _summary(findings: Findings) -> dict[str, Any]:
             "quantity": curve.label,
             "points": len(curve.x),
             "used": int((fit.used & (fit.fitting.of_curve == k)).sum()),
-            "noise": float(fit.lane.sigma[k]) if curve.fit else None,
+            "noise": float(fit.member.sigma[k]) if curve.fit else None,
             "noise_stated": curve.noise is not None,
             "rmse": plain([fit.rmse(k)])[0],
             "rmse_when_kept_out": None if without is None else plain([without[1]])[0],

@@ -270,7 +270,27 @@ class Design:
 
 @dataclasses.dataclass(frozen=True)
 class SearchResult:
-    """Everything that a search found."""
+    """Everything that a search found.
+
+    Args:
+        problem: what was asked.
+        reference: the design that the search started from.
+        designs: distinct designs, the best first; infeasible ones only where nothing feasible was found.
+        history: per step, shape (steps,), dimensionless: best_objective so far, and how many batch members are
+            with_equilibrium, feasible (loosely) so far, moving.
+        solves: designs evaluated, each with its derivatives.
+        seconds: by stage, s.
+        stopped: by Ctrl-C: the designs are the best until then, and not finished.
+        paths: the objective of every start at every step, dimensionless, shape (steps, starts); NaN where it is not
+            (nearly) feasible.
+        descended: the objective of the best feasible design before the finish, dimensionless.
+        reached: how many starts ended near each of the designs.
+        remarks: what scales the goals where the starting design does not, see `Scaling`.
+
+    Examples:
+        >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
+        ['problem', 'reference', 'designs']
+    """
 
     problem: Problem
     reference: Design
@@ -295,6 +315,7 @@ class SearchResult:
 
     @property
     def best(self) -> Design:
+        """The best of the designs."""
         return self.designs[0]
 
 
@@ -310,22 +331,36 @@ def search(
     report: Callable[[int, float, int, int], None] | None = None,
     remark: Callable[[str], None] = lambda sentence: None,
 ) -> SearchResult:
-    """The best distinct feasible designs of a problem. The same seed on the same machine gives the same answer.
+    """The best distinct feasible designs of a problem.
 
-    It begins from any design: one without an answer is one of the starts, and the others lead it back.
-
-    Ctrl-C after the first step ends the search and keeps the best designs until then.
+    Many starts descend at once by a first-order method with multipliers for the constraints; the best are finished by a
+    second-order method. The same seed on the same machine gives the same answer. A search begins from any design: one
+    without an answer is one of the starts, and the others lead it back. Ctrl-C after the first step ends the search and
+    keeps the best designs until then.
 
     Args:
         problem: variables, goals and limits.
-        starts: number of lanes.
-        steps: of the optimiser at most; lanes at rest stop before.
+        starts: size of the batch.
+        steps: of the optimiser at most; members of the batch that no longer improve stop before.
         optimiser: name of an optax optimiser, see OPTIMISERS, or any transformation of gradients that optax knows.
-        learning_rate: in free variables, whose range is pi; a transformation of your own has its own.
-        finishes: lanes that are finished, the best of as many regions of the cube; 0 for the descent alone.
+        learning_rate: in free variables, dimensionless, whose range is pi; a transformation of your own has its own.
+        finishes: members that are finished, the best of as many regions of the cube; 0 for the descent alone.
         seed: of the Sobol set.
-        report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
+        report: called after every step with (step, best objective so far, feasible members, moving members).
         remark: called with a sentence where the starting design has no answer.
+
+    Raises:
+        InputError: for an unknown optimiser, and for a number below 1.
+
+    Source: docs/theory/search.md.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> space = optim.Space({"free": sg.shell.Free(shell)}, [optim.Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+        >>> goal = optim.Goal("reach", optim.Quantity("inflation", at=15 * kPa), target=13.4067 * mm)
+        >>> best = optim.search(optim.Problem(space, [goal]), starts=4, steps=10, finishes=1).best
+        >>> print(f"{best.x[0] / mm:.3f} mm")  # the wall that inflates so
+        1.100 mm
     """
     if isinstance(optimiser, str) and optimiser not in OPTIMISERS:
         raise InputError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")

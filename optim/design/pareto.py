@@ -60,7 +60,20 @@ DISTINCT = 1e-3
 
 @dataclasses.dataclass(frozen=True)
 class Front:
-    """A trade-off between the goals of a problem."""
+    """A trade-off between the goals of a problem.
+
+    Args:
+        problem: what was asked.
+        designs: feasible, none better in every goal than another, in the order of the first goal.
+        terms: scaled terms, to be minimised, dimensionless, shape (designs, goals).
+        solves: designs evaluated, each with its derivatives.
+        seconds: by stage, s.
+        stopped: by Ctrl-C: the designs are the best of those that were solved until then.
+
+    Examples:
+        >>> [field.name for field in __import__("dataclasses").fields(optim.Front)][:3]
+        ['problem', 'designs', 'terms']
+    """
 
     problem: Problem
     designs: list[Design]
@@ -92,6 +105,20 @@ def pareto(
         starts: number of designs looked at before.
         seed: of these.
         report: called with the name of every stage and the solves so far.
+
+    Raises:
+        InputError: for another number of goals, and for fewer than two points.
+
+    Source: docs/theory/search.md.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> space = optim.Space({"free": sg.shell.Free(shell)}, [optim.Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+        >>> high = optim.Goal("maximise", optim.Quantity("inflation", at=12 * kPa))
+        >>> safe = optim.Goal("maximise", optim.Quantity("limit_pressure"))
+        >>> front = optim.pareto(optim.Problem(space, [high, safe]), points=3, starts=4)
+        >>> bool(np.all(np.diff([design.x[0] for design in front.designs]) > 0))  # thicker walls: safer, and lower
+        True
     """
     goals = len(problem.goals)
     if goals not in (2, 3):

@@ -94,7 +94,22 @@ class Run:
 
 
 def load_run(folder: str | Path) -> Run:
-    """Open a run folder in Python."""
+    """A run folder of `softgrip design`, opened in Python.
+
+    Args:
+        folder: of the run.
+
+    Returns:
+        Its config, scenes, designs and history.
+
+    Raises:
+        ConfigError: where the folder is not a run.
+
+    Examples:
+        >>> optim.load_run("nowhere")
+        Traceback (most recent call last):
+        softgrip_jax.errors.ConfigError: nowhere is not a run: there is no result.json in it.
+    """
     folder = Path(folder)
     if not (folder / "result.json").is_file():
         raise ConfigError(f"{folder} is not a run: there is no result.json in it.")

@@ -19,13 +19,13 @@ from ..space import to_free
 from .test import Softening, Tension, candidate, softening
 
 COMPARED = (25.0, 50.0, 100.0, 200.0, 400.0)
-"""Percent: windows in which mu is compared, where a config names none."""
+"""Windows of strain, in percent, in which mu is compared where a config names none."""
 
 DEPENDS = 1.2
-"""mu that differs by more than this factor between windows depends on the window."""
+"""A mu that differs by more than this factor between windows depends on the window."""
 
 STARTS = 16
-"""Several exponents of an Ogden material fit nearly as well: more starts than for a scene."""
+"""Starts of a fit. There are more than for a scene, since several exponents of an Ogden material fit nearly as well."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,8 +130,8 @@ def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
     for window in windows:
         inside = curve.x <= window * (1 + 1e-9)
         if _points_inside(curve, window) >= LEAST_POINTS:
-            lane = fitting.lane(start, weight=jnp.asarray(inside.astype(float)))
-            fit = finished(fitting, with_noise(fitting, lane))
+            member = fitting.member(start, weight=jnp.asarray(inside.astype(float)))
+            fit = finished(fitting, with_noise(fitting, member))
             if fit.on_bound.any():
                 continue  # the least-squares mu is zero or negative: a slack specimen, or a load cell below its zero
             found.append(Window(window, float(fit.x[0]), float(fit.low[0]), float(fit.high[0])))
@@ -161,4 +161,4 @@ def _require_points(curve: Curve, inside: np.ndarray, window: float) -> None:
 
 
 SOFT, STIFF = 1e3, 20e6
-"""Pa: shear moduli of the softest gels and the hardest rubbers."""
+"""Shear moduli of the softest gels and the hardest rubbers, Pa."""

@@ -29,7 +29,23 @@ Scalar = Float[Array, ""]
 
 
 class Tension(Checked):
-    """A specimen in uniaxial tension."""
+    """A specimen in uniaxial tension.
+
+    The engineering stress is dW(lambda, lambda^-1/2, lambda^-1/2) / dlambda at the stretch lambda = 1 + strain.
+
+    Args:
+        material: strain energy of the specimen.
+
+    Raises:
+        InputError: where material is not one.
+
+    Source: Treloar 1975; mu (lambda - 1/lambda^2) for a neo-Hookean material.
+
+    Examples:
+        >>> strip = optim.Tension(sg.NeoHookean(mu=100 * kPa))
+        >>> print(f"{strip.stress(jnp.asarray(1.0)) / kPa:.1f} kPa")  # mu (2 - 1/4)
+        175.0 kPa
+    """
 
     material: Material = part(Material)
 
@@ -148,7 +164,7 @@ BEYOND = 2.0
 """Stability is looked at up to this many times the largest strain of the window."""
 
 CHECKED = 400
-"""Stretches that are looked at."""
+"""Number of stretches that are looked at."""
 
 
 class Softening(NamedTuple):

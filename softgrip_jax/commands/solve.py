@@ -87,7 +87,7 @@ def _share(text: str) -> float:
     except ValueError:
         share = math.nan
     if not 0 < share < math.inf:
-        raise ConfigError(f"--tolerance is {text!r}; it must be a positive share, for instance 1% or 0.01.")
+        raise ConfigError(f"--tolerance is {text!r}; it must be a positive number, for instance 1% or 0.01.")
     return share
 
 

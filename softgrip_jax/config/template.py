@@ -27,15 +27,15 @@ from ..thesis import printed as thesis
 from ..units import DISPLAY, degree, gram, kPa, mm, unit_key
 
 PRESSURE = 15 * kPa
-"""Asked in a starter that needs a pressure: shells and fingers are well inflated and far from their limits."""
+"""A starter that needs a pressure has this one: shells and fingers are well inflated and far from their limits."""
 NUMBERS = {"length": 10 * mm, "angle": 10 * degree, "mass": 100 * gram, "pressure": 100 * kPa}
-"""By kind of quantity, in SI: for fields that no scene of the thesis has; 1 for other kinds."""
+"""Values in SI, by kind of quantity, of fields that no scene of the thesis has; other kinds have 1."""
 SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
-"""Of constructors, in docstrings; the keys of a config have units of their own."""
+"""Units of constructors, as docstrings have them; the keys of a config have units of their own."""
 LESS, MORE = 0.7, 1.4
-"""Of a number: the range in which a search may move it to begin with."""
+"""A search may move a number between these parts of it, to begin with."""
 TOLERANCE = 0.02
-"""Of a number: what a mould or a printer may miss it by."""
+"""A mould or a printer may miss a number by this part of it."""
 COMMENT = 40
 """Column at which comments begin."""
 

@@ -29,9 +29,14 @@ EQUAL = 1e-4
 
 
 class ClosedForms(NamedTuple):
-    """What is known of an energy beyond its values. The models use it where it is stated; by default nothing is.
+    """What is known of an energy beyond its values.
 
-    A wrong statement gives wrong results without a word, so a statement belongs to the class that defines the energy.
+    The models use it where it is stated; by default nothing is. A wrong statement gives wrong results without a word,
+    so a statement belongs to the class that defines the energy.
+
+    Examples:
+        >>> sg.NeoHookean(mu=175 * kPa).closed_forms().has_one_maximum
+        True
     """
 
     tension_over_strain: Callable[[Scalar, Scalar], Scalar] | None = None
@@ -47,10 +52,25 @@ class ClosedForms(NamedTuple):
 
 
 class Material(Checked):
-    """A strain energy. A new one needs `energy` and nothing else.
+    """The strain energy W(lambda_1, lambda_2, lambda_3) of an incompressible hyperelastic material.
 
-    What else a class can state saves time. All of it is about one energy: where a subclass gives another energy,
-    it falls back to what holds for any, unless the subclass states it anew.
+    A new material derives from it and needs `energy` and nothing else; stresses and tensions are its derivatives. What
+    else a class can state saves time. All of it is about one energy: where a subclass gives another energy, it falls
+    back to what holds for any, unless the subclass states it anew.
+
+    Raises:
+        InputError: where a statement of a class of one's own contradicts its energy, or the shear modulus is not
+            positive.
+
+    Source: thesis 2.2; lambda_1 lambda_2 lambda_3 = 1.
+
+    Examples:
+        >>> class Stiffening(sg.materials.Material):
+        ...     def energy(self, l1, l2, l3):
+        ...         first = l1**2 + l2**2 + l3**2 - 3
+        ...         return 68 * kPa * first + 2 * kPa * first**2
+        >>> print(f"{Stiffening().shear_modulus() / kPa:.1f} kPa")
+        136.0 kPa
     """
 
     @abc.abstractmethod
@@ -122,7 +142,22 @@ def _provider(cls: type, name: str) -> type:
 
 
 def modulus_of_energy(material: Material) -> Scalar:
-    """mu, Pa, from the energy alone: the second derivative of W(e^x, e^-x, 1) at x = 0 is 4 mu."""
+    """The shear modulus of the undeformed material, from its energy alone.
+
+    The second derivative of W(e^x, e^-x, 1) at x = 0 is 4 mu.
+
+    Args:
+        material: any material.
+
+    Returns:
+        mu, Pa.
+
+    Source: own.
+
+    Examples:
+        >>> print(f"{sg.materials.modulus_of_energy(sg.MooneyRivlin(c1=60 * kPa, c2=8 * kPa)) / kPa:.3f} kPa")
+        136.000 kPa
+    """
 
     def pure_shear(x):
         return material.energy(jnp.exp(x), jnp.exp(-x), jnp.ones_like(x))
@@ -177,10 +212,25 @@ def _is_known(material: Material) -> bool:
 
 
 def nominal_stresses(material: Material, l1: Scalar, l2: Scalar) -> tuple[Scalar, Scalar]:
-    """Engineering stresses (dw/dlambda_1, dw/dlambda_2), Pa, of a sheet with a free surface.
+    """Engineering stresses of a sheet with a free surface.
 
-    w(lambda_1, lambda_2) = W(lambda_1, lambda_2, 1/(lambda_1 lambda_2)): incompressibility and plane stress are in w,
-    so its derivatives are the forces per undeformed area along 1 and 2.
+    With w(lambda_1, lambda_2) = W(lambda_1, lambda_2, 1/(lambda_1 lambda_2)) they are dw/dlambda_1 and dw/dlambda_2:
+    incompressibility and plane stress are in w, so its derivatives are the forces per undeformed area along 1 and 2.
+
+    Args:
+        material: of the sheet.
+        l1, l2: stretches in the plane, dimensionless, positive.
+
+    Returns:
+        The two stresses, Pa, positive in tension.
+
+    Source: thesis 2.2.
+
+    Examples:
+        >>> rubber = sg.NeoHookean(mu=100 * kPa)
+        >>> first, second = sg.materials.nominal_stresses(rubber, jnp.asarray(2.0), jnp.asarray(1.0))
+        >>> print(f"{first / kPa:.3f} kPa, {second / kPa:.3f} kPa")  # mu (2 - 1/8), mu (1 - 1/4)
+        187.500 kPa, 75.000 kPa
     """
     return jax.grad(lambda a, b: material.energy(a, b, 1 / (a * b)), argnums=(0, 1))(l1, l2)
 

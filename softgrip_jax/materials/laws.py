@@ -13,7 +13,16 @@ from .base import ClosedForms, Material, Scalar, invariants, require_stiff
 
 
 class InvariantMaterial(Material):
-    """A strain energy of the invariants I_1, I_2 of the thesis's (2.3)."""
+    """A strain energy of the invariants I_1 and I_2.
+
+    A subclass gives W in `of_invariants`, from I_1 - 3 and I_2 - 3.
+
+    Source: thesis (2.3).
+
+    Examples:
+        >>> print(f"{sg.NeoHookean(mu=100 * kPa).of_invariants(jnp.asarray(1.0), jnp.asarray(0.0)) / kPa:.1f} kJ/m^3")
+        50.0 kJ/m^3
+    """
 
     @abc.abstractmethod
     def of_invariants(self, i1: Scalar, i2: Scalar) -> Scalar:
@@ -28,7 +37,21 @@ class InvariantMaterial(Material):
 
 
 class NeoHookean(InvariantMaterial):
-    """W = mu/2 (I_1 - 3), thesis (2.5); Treloar 1943. mu: shear modulus, Pa."""
+    """The neo-Hookean material, W = mu/2 (I_1 - 3).
+
+    Args:
+        mu: shear modulus, Pa.
+
+    Raises:
+        InputError: where mu is not positive (outside of jit).
+
+    Source: thesis (2.5); Treloar 1943. Trusted for stretches up to about 1.5 of silicone.
+
+    Examples:
+        >>> one = jnp.asarray(1.0)
+        >>> print(f"{sg.NeoHookean(mu=100 * kPa).energy(2 * one, 0.5 * one, one) / kPa:.1f} kJ/m^3")
+        112.5 kJ/m^3
+    """
 
     mu: Scalar = positive("pressure")
 
@@ -54,7 +77,21 @@ class NeoHookean(InvariantMaterial):
 
 
 class MooneyRivlin(InvariantMaterial):
-    """W = C_1 (I_1 - 3) + C_2 (I_2 - 3); Mooney 1940. C_1 > 0 and C_2 of either sign, Pa; mu = 2 (C_1 + C_2)."""
+    """The Mooney-Rivlin material, W = C_1 (I_1 - 3) + C_2 (I_2 - 3).
+
+    Args:
+        c1: C_1, Pa, positive.
+        c2: C_2, Pa, of either sign, with mu = 2 (C_1 + C_2) positive.
+
+    Raises:
+        InputError: where a constant breaks its rule, or the shear modulus is not positive (outside of jit).
+
+    Source: Mooney 1940.
+
+    Examples:
+        >>> print(f"{sg.MooneyRivlin(c1=60 * kPa, c2=8 * kPa).shear_modulus() / kPa:.1f} kPa")
+        136.0 kPa
+    """
 
     c1: Scalar = positive("pressure")
     c2: Scalar = finite("pressure")
@@ -74,7 +111,22 @@ class MooneyRivlin(InvariantMaterial):
 
 
 class Yeoh(InvariantMaterial):
-    """W = C_1 (I_1 - 3) + C_2 (I_1 - 3)^2 + C_3 (I_1 - 3)^3; Yeoh 1993. C_1 > 0, Pa; mu = 2 C_1."""
+    """The Yeoh material, W = C_1 (I_1 - 3) + C_2 (I_1 - 3)^2 + C_3 (I_1 - 3)^3.
+
+    Args:
+        c1: C_1, Pa, positive; mu = 2 C_1.
+        c2: C_2, Pa, of either sign.
+        c3: C_3, Pa, of either sign.
+
+    Raises:
+        InputError: where a constant breaks its rule (outside of jit).
+
+    Source: Yeoh 1993.
+
+    Examples:
+        >>> print(f"{sg.Yeoh(c1=68 * kPa, c2=2 * kPa).shear_modulus() / kPa:.1f} kPa")
+        136.0 kPa
+    """
 
     c1: Scalar = positive("pressure")
     c2: Scalar = finite("pressure", default=0.0)
@@ -91,7 +143,22 @@ class Yeoh(InvariantMaterial):
 
 
 class Gent(InvariantMaterial):
-    """W = -mu J_m / 2 ln(1 - (I_1 - 3) / J_m); Gent 1996. mu: Pa; J_m: the largest I_1 - 3, a pure number."""
+    """The Gent material, W = -mu J_m / 2 ln(1 - (I_1 - 3) / J_m), which locks.
+
+    Args:
+        mu: shear modulus, Pa.
+        j_m: J_m, the largest I_1 - 3, dimensionless.
+
+    Raises:
+        InputError: where a constant is not positive (outside of jit).
+
+    Source: Gent 1996.
+
+    Examples:
+        >>> one = jnp.asarray(1.0)
+        >>> bool(sg.Gent(mu=136 * kPa, j_m=10.0).stretchable(4 * one, one) > 0)  # I_1 - 3 is 14 there
+        False
+    """
 
     mu: Scalar = positive("pressure")
     j_m: Scalar = positive("number")
@@ -107,9 +174,20 @@ class Gent(InvariantMaterial):
 
 
 class Ogden(Material):
-    """W = sum_i mu_i / alpha_i (lambda_1^alpha_i + lambda_2^alpha_i + lambda_3^alpha_i - 3); Ogden 1972.
+    """The Ogden material, W = sum_i mu_i / alpha_i (lambda_1^alpha_i + lambda_2^alpha_i + lambda_3^alpha_i - 3).
 
-    mu: shape (n,), Pa; alpha: shape (n,), pure numbers, not zero; the shear modulus sum_i mu_i alpha_i / 2 is positive.
+    Args:
+        mu: mu_i, Pa, shape (n,), of either sign.
+        alpha: alpha_i, dimensionless, shape (n,), not zero; the shear modulus sum_i mu_i alpha_i / 2 is positive.
+
+    Raises:
+        InputError: where shapes differ, or the shear modulus is not positive (outside of jit).
+
+    Source: Ogden 1972.
+
+    Examples:
+        >>> print(f"{sg.Ogden(mu=[100 * kPa, 9 * kPa], alpha=[2.0, 8.0]).shear_modulus() / kPa:.1f} kPa")
+        136.0 kPa
     """
 
     mu: Float[Array, " n"] = finite("pressure")

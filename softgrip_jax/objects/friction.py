@@ -21,7 +21,17 @@ Scalar = Float[Array, ""]
 
 
 class Friction(Checked):
-    """A coefficient of friction that depends on the normal force: call it with the force in N."""
+    """A coefficient of friction that depends on the normal force.
+
+    A subclass gives mu_f (dimensionless) from the normal force (N) in `__call__`.
+
+    Source: Coulomb's law with a coefficient that varies.
+
+    Examples:
+        >>> table = sg.objects.FrictionTable(force=[1.0, 3.0], coefficient=[1.5, 1.0])
+        >>> isinstance(table, sg.objects.Friction)
+        True
+    """
 
     @abc.abstractmethod
     def __call__(self, force: Scalar) -> Scalar:
@@ -29,9 +39,21 @@ class Friction(Checked):
 
 
 class FrictionTable(Friction):
-    """Measured coefficients, linear between the rows and constant beyond them.
+    """Measured coefficients of friction, linear between the rows and constant beyond them.
 
-    force: normal force, N, increasing, shape (n,); coefficient: mu_f, shape (n,).
+    Args:
+        force: normal force, N, shape (n,), increasing.
+        coefficient: mu_f, dimensionless, shape (n,).
+
+    Raises:
+        InputError: where shapes differ, a coefficient is not positive, or the force does not increase (outside of jit).
+
+    Source: own.
+
+    Examples:
+        >>> table = sg.objects.FrictionTable(force=[1.0, 3.0], coefficient=[1.5, 1.0])
+        >>> print(f"{table(jnp.asarray(2.0)):.2f}")
+        1.25
     """
 
     force: Float[Array, " n"] = nonnegative("force")
@@ -54,7 +76,17 @@ class FrictionTable(Friction):
 
 
 class FrictionLaw(Friction):
-    """Any function of the normal force (N) as a coefficient of friction; its constants are not differentiated."""
+    """Any function of the normal force as a coefficient of friction.
+
+    Args:
+        law: function from the normal force (N) to mu_f (dimensionless); its constants are not differentiated.
+
+    Source: own.
+
+    Examples:
+        >>> print(f"{sg.objects.FrictionLaw(lambda force: 1.5 / (1 + force))(jnp.asarray(2.0)):.2f}")
+        0.50
+    """
 
     law: Callable[[Scalar], Scalar] = eqx.field(static=True)
 
@@ -63,24 +95,67 @@ class FrictionLaw(Friction):
 
 
 def to_friction(value: Any) -> Any:
-    """A number stays a number; a plain function becomes a FrictionLaw."""
+    """A friction as scenes hold it: a number stays a number, a plain function becomes a FrictionLaw.
+
+    Args:
+        value: mu_f, dimensionless: a number, a `Friction`, or a function of the normal force (N).
+
+    Examples:
+        >>> type(sg.objects.to_friction(lambda force: 1.0)).__name__
+        'FrictionLaw'
+    """
     if callable(value) and not isinstance(value, eqx.Module):
         return FrictionLaw(value)
     return to_float_array(value)
 
 
 def friction(**kwargs: Any) -> Any:
-    """A field for mu_f: a positive number, a Friction, or a function of the normal force in N."""
+    """A field of a module that holds mu_f: a positive number, a Friction, or a function of the normal force in N.
+
+    Args:
+        kwargs: of `equinox.field`, for instance `default`.
+
+    Examples:
+        >>> sg.objects.friction(default=1.0).default
+        1.0
+    """
     return eqx.field(converter=to_friction, metadata={"friction": True}, **kwargs)
 
 
 def friction_coefficient(friction: Any, force: Scalar) -> Scalar:
-    """mu_f at a normal force."""
+    """The coefficient of friction at a normal force.
+
+    Args:
+        friction: mu_f, dimensionless, a number or a `Friction`.
+        force: normal force, N.
+
+    Returns:
+        mu_f, dimensionless.
+
+    Examples:
+        >>> table = sg.objects.FrictionTable(force=[1.0, 3.0], coefficient=[1.5, 1.0])
+        >>> print(f"{sg.objects.friction_coefficient(table, jnp.asarray(2.0)):.2f}")
+        1.25
+    """
     return friction(force) if isinstance(friction, Friction) else friction
 
 
 def friction_force(friction: Any, force: Scalar) -> Scalar:
-    """mu_f(F) F: the largest tangential force that a normal force F holds (Coulomb), N."""
+    """The largest tangential force that a normal force holds, mu_f(F) F.
+
+    Args:
+        friction: mu_f, dimensionless, a number or a `Friction`.
+        force: normal force F, N.
+
+    Returns:
+        The tangential force, N.
+
+    Source: Coulomb's law.
+
+    Examples:
+        >>> print(f"{sg.objects.friction_force(jnp.asarray(0.96), jnp.asarray(2.0)):.2f} N")
+        1.92 N
+    """
     return friction_coefficient(friction, force) * force
 
 
@@ -89,7 +164,21 @@ FRICTION_RANGE = np.log(1e4)
 
 
 def required_normal_force(friction: Any, load: Scalar) -> Scalar:
-    """The least normal force F (N) with mu_f(F) F = load (N, tangential); inf where no force does."""
+    """The least normal force F with mu_f(F) F = load.
+
+    Args:
+        friction: mu_f, dimensionless, a number or a `Friction`.
+        load: tangential force, N, zero or more.
+
+    Returns:
+        F, N, differentiable; inf where no force does it.
+
+    Source: Coulomb's law; thesis (6.2).
+
+    Examples:
+        >>> print(f"{sg.objects.required_normal_force(0.96, jnp.asarray(1.92)):.4f} N")
+        2.0000 N
+    """
     if not callable(friction):
         return load / friction
 

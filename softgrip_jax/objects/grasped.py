@@ -13,7 +13,15 @@ from .friction import Scalar, friction
 
 
 class Object(Checked):
-    """Something that fingertips hold between them, standing on its base: a radius over height, mass and friction."""
+    """Something that fingertips hold between them, standing on its base.
+
+    A subclass gives the radius over the height in `radius_at`, and has the fields mass (kg) and friction
+    (dimensionless).
+
+    Examples:
+        >>> isinstance(sg.objects.Cone(radius=20 * mm, height=40 * mm, mass=20 * gram, friction=0.9), sg.objects.Object)
+        True
+    """
 
     if TYPE_CHECKING:
         mass: Scalar
@@ -34,7 +42,23 @@ class Object(Checked):
 
 
 class Cylinder(Object):
-    """A circular cylinder. radius: m; mass: kg; friction: mu_f."""
+    """A circular cylinder, upright.
+
+    Args:
+        radius: of the cylinder, m.
+        mass: of the object, kg, zero or more.
+        friction: mu_f, dimensionless, a number, a `Friction` or a function of the normal force (N).
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 5.2.3.
+
+    Examples:
+        >>> rod = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
+        >>> print(f"{rod.radius_at(10 * mm) / mm:.1f} mm")
+        18.0 mm
+    """
 
     radius: Scalar = positive("length")
     mass: Scalar = nonnegative("mass")
@@ -45,7 +69,23 @@ class Cylinder(Object):
 
 
 class HexagonalCylinder(Object):
-    """A hexagonal cylinder held on three faces. side: of the hexagon, m; mass: kg; friction: mu_f."""
+    """A hexagonal cylinder, upright, held on three of its faces.
+
+    Args:
+        side: of the hexagon, m; the tips touch at the apothem, side sqrt(3)/2.
+        mass: of the object, kg, zero or more.
+        friction: mu_f, dimensionless, a number, a `Friction` or a function of the normal force (N).
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 5.2.3.
+
+    Examples:
+        >>> prism = sg.objects.HexagonalCylinder(side=15 * mm, mass=26 * gram, friction=0.96)
+        >>> print(f"{prism.radius_at(10 * mm) / mm:.2f} mm")
+        12.99 mm
+    """
 
     side: Scalar = positive("length")
     mass: Scalar = nonnegative("mass")
@@ -57,7 +97,17 @@ class HexagonalCylinder(Object):
 
 
 class Taper(Object):
-    """A solid that narrows linearly to a point: `base_radius` at the base, nothing at `height`."""
+    """A solid that narrows linearly from its base to a point.
+
+    radius_at(z) = base_radius (1 - z / height). Inclined faces need a normal force that is larger by 1 / sin^2(beta),
+    beta the angle of the face at the base.
+
+    Source: thesis 5.2.3.
+
+    Examples:
+        >>> issubclass(sg.objects.Cone, sg.objects.Taper)
+        True
+    """
 
     if TYPE_CHECKING:
         height: Scalar
@@ -79,7 +129,24 @@ class Taper(Object):
 
 
 class Cone(Taper):
-    """A right circular cone. radius: of the base, m; height: m; mass: kg; friction: mu_f."""
+    """A right circular cone, standing on its base.
+
+    Args:
+        radius: of the base, m.
+        height: of the cone, m.
+        mass: of the object, kg, zero or more.
+        friction: mu_f, dimensionless, a number, a `Friction` or a function of the normal force (N).
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 5.2.3.
+
+    Examples:
+        >>> cone = sg.objects.Cone(radius=20 * mm, height=40 * mm, mass=20 * gram, friction=0.9)
+        >>> print(f"{cone.radius_at(10 * mm) / mm:.1f} mm, {cone.slope_factor():.2f}")  # 1 + (20/40)^2
+        15.0 mm, 1.25
+    """
 
     radius: Scalar = positive("length")
     height: Scalar = positive("length")
@@ -91,7 +158,24 @@ class Cone(Taper):
 
 
 class ThreeFaceCone(Taper):
-    """A pyramid on an equilateral triangle, held on its faces. side: of the base, m; height: m; mass: kg; friction."""
+    """A pyramid on an equilateral triangle, held on its three faces.
+
+    Args:
+        side: of the base, m; the tips touch at the inradius, side / (2 sqrt(3)) at the base.
+        height: of the pyramid, m.
+        mass: of the object, kg, zero or more.
+        friction: mu_f, dimensionless, a number, a `Friction` or a function of the normal force (N).
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 5.2.3.
+
+    Examples:
+        >>> pyramid = sg.objects.ThreeFaceCone(side=60 * mm, height=60 * mm, mass=19 * gram, friction=0.9)
+        >>> print(f"{pyramid.base_radius() / mm:.2f} mm")
+        17.32 mm
+    """
 
     side: Scalar = positive("length")
     height: Scalar = positive("length")

@@ -26,7 +26,7 @@ POINTS = 301
 DOTS_PER_INCH = 110
 FRAMES_PER_SECOND = 12
 MARGIN = 0.04
-"""Of a view's width, for words beside what is drawn."""
+"""So much of a view's width is left for words beside what is drawn."""
 HOLD = 12
 """Frames that the last state stays: one second."""
 
@@ -50,7 +50,7 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
     kept = jax.tree.map(lambda x: x[good], states)
     has_shape = type(scene).profile is not Scene.profile
     shapes = jax.jit(lambda solution: solution.shape(POINTS))(kept) if has_shape else {}
-    # The batch has one scene per lane or one for all; a still needs its own.
+    # The batch has one scene per state or one for all; a still needs its own.
     single = [jax.tree.map(lambda x, k=k: x[k], (kept, shapes)) for k in range(good.size)]
     names = [field.name for field in dataclasses.fields(Solution)]
     return [Still(**{name: getattr(one, name) for name in names}, stored=shape) for one, shape in single]
@@ -59,9 +59,26 @@ def stills(scene: Scene, pressures: Float[np.ndarray, " n"]) -> list[Still]:
 def animate(
     scene: Scene, pressures: Any, file: str | Path, report: Callable[[int, int], None] = lambda k, n: None
 ) -> Path:
-    """Write a GIF of the scene at rising pressures (Pa), on one scale; states that do not exist are left out.
+    """Write a GIF of the scene at rising pressures, on one scale.
 
-    report: called with (frames drawn, frames) after each.
+    States that do not exist are left out.
+
+    Args:
+        scene: what to show.
+        pressures: Pa, shape (n,).
+        file: to write.
+        report: called with (frames drawn, frames) after each.
+
+    Returns:
+        The file.
+
+    Raises:
+        InputError: where there is no state at any of the pressures.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.plots.animate(sg.shell.Free(shell), np.array([5, 15, 25]) * kPa, "shell.gif").name
+        'shell.gif'
     """
     file = Path(file)
     states = stills(scene, np.asarray(pressures, dtype=float))

@@ -18,7 +18,16 @@ LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1, 1, 1)), (0, (3, 1, 1, 1, 1, 1
 
 
 class Curve(NamedTuple):
-    """A line in the units of its axes; NaN where there is no state."""
+    """A line in a diagram.
+
+    Args:
+        label: for the legend, or empty.
+        x, y: in the units of the axes, shape (n,); NaN where there is no state.
+
+    Examples:
+        >>> sg.plots.Curve("ours", np.array([5.0, 10.0]), np.array([1.0, 2.0])).label
+        'ours'
+    """
 
     label: str
     x: np.ndarray
@@ -26,7 +35,19 @@ class Curve(NamedTuple):
 
 
 class Diagram(NamedTuple):
-    """One pair of axes; `marks` are published points (label, x, y)."""
+    """One pair of axes with its lines and points.
+
+    Args:
+        title: above it.
+        x_label, y_label: of the axes, with units.
+        curves: the lines.
+        marks: published points.
+
+    Examples:
+        >>> line = sg.plots.Curve("ours", np.array([5.0, 10.0]), np.array([1.0, 2.0]))
+        >>> sg.plots.Diagram("force", "pressure (kPa)", "force (N)", [line]).marks
+        ()
+    """
 
     title: str
     x_label: str
@@ -36,7 +57,17 @@ class Diagram(NamedTuple):
 
 
 def diagrams(panels: Sequence[Diagram], columns: int = 2) -> Figure:
-    """The diagrams, `columns` in a row; lines differ in colour and in dashes."""
+    """A figure of diagrams, whose lines differ in colour and in dashes.
+
+    Args:
+        panels: the diagrams.
+        columns: diagrams in a row.
+
+    Examples:
+        >>> line = sg.plots.Curve("ours", np.array([5.0, 10.0]), np.array([1.0, 2.0]))
+        >>> len(sg.plots.diagrams([sg.plots.Diagram("force", "pressure (kPa)", "force (N)", [line])]).axes)
+        1
+    """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     with mpl.rc_context(STYLE):
@@ -60,10 +91,21 @@ def diagrams(panels: Sequence[Diagram], columns: int = 2) -> Figure:
 
 
 def curve_of(curve: Solution, observable: str, limit: float | None = None) -> Figure:
-    """An observable over the pressure along a batch of states, in its order; gaps where there is none.
+    """An observable over the pressure along a batch of states, with gaps where there is none.
 
-    limit: the limit pressure, Pa, to be marked where it is on the curve. Where the pressure falls along the curve
-    (`sg.branch` behind the limit) the states are unstable at a given pressure: dashed.
+    Where the pressure falls along the curve (`sg.branch` behind the limit) the states are unstable at a given pressure:
+    the line is dashed.
+
+    Args:
+        curve: the batch, in the order of the curve.
+        observable: its name.
+        limit: the limit pressure, Pa, to be marked where it is on the curve.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> states = sg.path(sg.shell.Free(shell), [5 * kPa, 15 * kPa, 25 * kPa])
+        >>> sg.plots.curve_of(states, "inflation").axes[0].get_ylabel()
+        'inflation (mm)'
     """
     label, unit = DISPLAY[type(curve.scene).OBSERVABLES[observable]]
     good = np.asarray(curve.status) == Status.OK

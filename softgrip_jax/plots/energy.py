@@ -19,7 +19,7 @@ from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, WIDTH, composes, pain
 from .shell import FACE, POINTS, RIM
 
 MAP_POINTS = 81
-"""On each side of a map."""
+"""Points on each side of a map."""
 
 
 VIEWS = ("along the length, y (mm)", "across the width, x (mm)")

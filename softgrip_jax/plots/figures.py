@@ -66,7 +66,19 @@ _COMPOSERS: dict[type[Scene], Composer] = {}
 
 
 def paints(scene: type[Scene], *views: str, vertical: str = "z (mm)") -> Callable[[Painter], Painter]:
-    """Register a painter of `scene` and its subclasses; `views` label the axes that it is given."""
+    """Register a painter of a kind of scene and its subclasses; a decorator.
+
+    Args:
+        scene: the class.
+        views: labels of the horizontal axes that the painter is given, with units.
+        vertical: label of the vertical axis, with its unit.
+
+    Examples:
+        >>> class Mine(sg.Scene): ...
+        >>> @sg.plots.paints(Mine, "x (mm)")
+        ... def paint(solution, axes):
+        ...     axes[0].plot(*solution.shape(11).values())
+    """
 
     def register(painter: Painter) -> Painter:
         _PAINTERS[scene] = Look(views, vertical, painter)
@@ -86,7 +98,18 @@ def composes(scene: type[Scene]) -> Callable[[Composer], Composer]:
 
 
 def draw(solution: Solution) -> Figure:
-    """A picture of one solved scene, to scale."""
+    """A picture of one solved scene, to scale, lengths in mm.
+
+    Args:
+        solution: of one scene, not a batch.
+
+    Raises:
+        InputError: for a batch, a state that is not OK, or a scene without a picture.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.plots.draw(sg.solve(sg.shell.Free(shell), 15 * kPa)).savefig("shell.png")
+    """
     look(solution)
     for cls in type(solution.scene).__mro__:
         if cls in _COMPOSERS:
@@ -96,7 +119,20 @@ def draw(solution: Solution) -> Figure:
 
 
 def compare(solutions: Mapping[str, Solution]) -> Figure:
-    """Several solutions of one kind of scene under each other, on one scale: before and after, for instance."""
+    """Several solutions of one kind of scene under each other, on one scale.
+
+    Args:
+        solutions: label -> solution, in the order of the rows.
+
+    Raises:
+        InputError: as `draw`.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> states = {"low": sg.solve(sg.shell.Free(shell), 5 * kPa), "high": sg.solve(sg.shell.Free(shell), 15 * kPa)}
+        >>> len(sg.plots.compare(states).axes)  # two views of each
+        4
+    """
     looks = {label: look(solution) for label, solution in solutions.items()}
     views, vertical, _ = max(looks.values(), key=lambda look: len(look.views))
     width = WIDTH if len(views) > 1 else 0.6 * WIDTH
@@ -124,14 +160,36 @@ def compare(solutions: Mapping[str, Solution]) -> Figure:
 
 
 def has_picture(scene: Scene) -> bool:
-    """Whether `draw` knows this kind of scene."""
+    """Whether `draw` knows this kind of scene.
+
+    Args:
+        scene: any scene.
+
+    Examples:
+        >>> sg.plots.has_picture(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")))
+        True
+    """
     return any(cls in _PAINTERS for cls in type(scene).__mro__)
 
 
 def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, label: str = "") -> Axes:
-    """Pressure against an observable (the scene's first, where none is named), through the limit point.
+    """Pressure against an observable, through the limit point.
 
     Behind the limit, where equilibrium exists at a given volume but not at a given pressure, the curve is dashed.
+
+    Args:
+        scene: what to show.
+        observable: its name; the scene's first, where none is given.
+        ax: axes to draw on; new ones by default.
+        label: for the legend.
+
+    Raises:
+        InputError: for an observable that the scene does not have.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.plots.pressure_curve(sg.shell.Free(shell)).get_xlabel()
+        'inflation (mm)'
     """
     known = scene.prepared().OBSERVABLES
     name = observable or next(iter(known))
@@ -178,8 +236,25 @@ def convergence(
     finished: float | None = None,
     paths: np.ndarray | None = None,
 ) -> Figure:
-    """How a search went: its best objective, step by step and once finished, and how many designs have an equilibrium,
-    are feasible, still move. paths: the objective of every design at every step, NaN where it is not feasible."""
+    """How a search went, step by step.
+
+    Above, the best objective so far and once finished; below, how many designs have an equilibrium, are feasible, still
+    move.
+
+    Args:
+        history: best_objective, with_equilibrium, feasible and moving, each of shape (steps,), dimensionless.
+        label: of the objective.
+        title: above the figure.
+        finished: the best objective in the end, dimensionless.
+        paths: the objective of every design at every step, dimensionless, shape (steps, designs); NaN where it is not
+            feasible.
+
+    Examples:
+        >>> steps = np.arange(1, 4)
+        >>> history = {"best_objective": 1 / steps, "with_equilibrium": steps, "feasible": steps, "moving": steps}
+        >>> len(sg.plots.convergence(history).axes)
+        2
+    """
     best = np.asarray(history["best_objective"])
     steps = np.arange(1, len(best) + 1)
     with mpl.rc_context(STYLE):

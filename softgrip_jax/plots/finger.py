@@ -44,9 +44,9 @@ PLATE = 6.0
 """mm: thickness of the plate that carries the fingers."""
 
 ROUND = 48
-"""Faces of what is round."""
+"""What is round is drawn by so many faces."""
 SPACE_POINTS = 12
-"""On a wall in space."""
+"""Points on a wall in space."""
 LIGHT = np.array([0.3, 0.8, -0.5196])
 """From where light falls on a gripper in space: a unit vector, to the viewer's right."""
 

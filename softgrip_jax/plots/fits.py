@@ -12,19 +12,30 @@ from matplotlib.figure import Figure
 from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 
 MARKS = "osD^vP*X<>"
-"""Of specimens, in their order."""
+"""Marks of the specimens, in their order."""
 
 LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 2, 1, 2)), (0, (3, 1, 1, 1, 1, 1)), (0, (8, 3)))
 SKY = "#56B4E9"
-"""Of several fitted lines."""
+"""Colour of the last of several fitted lines."""
 
 
 HEADROOM, FOOTROOM = 0.5, 0.1
-"""Of the range of the data: as far as a line is shown above and below them."""
+"""A line is shown above and below the data by these parts of their range."""
 
 
 class Points(NamedTuple):
-    """Measured points, in the units of the axes."""
+    """Measured points in a diagram.
+
+    Args:
+        label: for the legend.
+        x, y: in the units of the axes, shape (n,).
+        used: False for points that were left out, shape (n,).
+
+    Examples:
+        >>> x = np.array([5.0, 10.0])
+        >>> sg.plots.Points("measured", x, 0.1 * x, np.array([True, True])).label
+        'measured'
+    """
 
     label: str
     x: np.ndarray
@@ -34,7 +45,18 @@ class Points(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A fitted curve and the half width of its interval (NaN: none), in the units of the axes."""
+    """A fitted curve in a diagram, with its interval.
+
+    Args:
+        label: for the legend.
+        x, y: in the units of the axes, shape (n,).
+        half: half width of the interval, in the unit of y, shape (n,); NaN for none.
+
+    Examples:
+        >>> x = np.array([5.0, 10.0])
+        >>> sg.plots.Line("fitted", x, 0.1 * x, 0.01 * x).label
+        'fitted'
+    """
 
     label: str
     x: np.ndarray
@@ -43,7 +65,18 @@ class Line(NamedTuple):
 
 
 class Panel(NamedTuple):
-    """One diagram."""
+    """One diagram of measured points and fitted lines.
+
+    Args:
+        title: above it.
+        x_label, y_label: of the axes, with units.
+        points: the measurements.
+        lines: the fits.
+
+    Examples:
+        >>> sg.plots.Panel("force", "pressure (kPa)", "force (N)", [], []).title
+        'force'
+    """
 
     title: str
     x_label: str
@@ -53,7 +86,19 @@ class Panel(NamedTuple):
 
 
 def measured_and_fitted(panels: Sequence[Panel]) -> Figure:
-    """Data, fit and its 95 % interval, one diagram per curve, two in a row at most."""
+    """Data, fit and its 95 % interval, one diagram per curve.
+
+    Args:
+        panels: the diagrams, two in a row at most.
+
+    Examples:
+        >>> x = np.array([5.0, 10.0])
+        >>> measured = sg.plots.Points("measured", x, 0.1 * x, np.array([True, True]))
+        >>> fitted = sg.plots.Line("fitted", x, 0.1 * x, 0.01 * x)
+        >>> panel = sg.plots.Panel("force", "pressure (kPa)", "force (N)", [measured], [fitted])
+        >>> len(sg.plots.measured_and_fitted([panel]).axes)
+        1
+    """
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     with mpl.rc_context(STYLE):

@@ -34,13 +34,29 @@ HATCHES = {
 }
 HATCH_FACE, HATCH_EDGE = "#F2F2F2", "#9A9A9A"
 PANEL_HEIGHT = 2.3
-"""Inches."""
+"""Height of a panel, inches."""
 
 
 def study(data: xr.Dataset) -> Figure:
-    """A study (`softgrip_jax.study`). A grid over one or two numbers has a panel for every observable or, of maps,
-    quantity; a grid over more, or designs that are no grid, have one axis for every varied number and every quantity,
-    and a line through them for every design."""
+    """A picture of a study.
+
+    A grid over one or two numbers has a panel for every observable or, of maps, quantity. A grid over more numbers, or
+    designs that are no grid, have one axis for every varied number and every quantity, and a line through them for
+    every design.
+
+    Args:
+        data: the Dataset of a study (`softgrip_jax.study`).
+
+    Raises:
+        InputError: for a study of one design.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> walls = sg.study.Grid([np.array([1.0, 1.1]) * mm])
+        >>> data = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls).run()
+        >>> len(sg.plots.study(data).axes)
+        1
+    """
     names = [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
     sizes = {name: data.sizes[name] for name in data[names[0]].dims}
     axes = [str(name) for name, size in sizes.items() if size > 1]
@@ -228,7 +244,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
 LINES_DRAWN = 400
 """Designs in a picture with parallel axes: more lines hide each other."""
 TICKS = 5
-"""On each parallel axis."""
+"""Marks on each parallel axis."""
 LONGEST = 14
 """Letters in a line under a parallel axis."""
 
@@ -272,7 +288,18 @@ def _spread_by_factors(values: np.ndarray) -> bool:
 
 
 def elasticities(data: xr.Dataset) -> Figure:
-    """Bars of the elasticities of a sensitivity analysis: a panel per quantity, the strongest number on top."""
+    """Bars of the elasticities of a sensitivity analysis, the strongest number on top.
+
+    Args:
+        data: what `softgrip_jax.study.sensitivity` returns; elasticities are dimensionless.
+
+    Examples:
+        >>> import xarray as xr
+        >>> coords = {"quantity": ["force"], "by": ["shell.a", "shell.t_m"]}
+        >>> data = xr.Dataset({"elasticity": (("quantity", "by"), [[2.0, -1.0]])}, coords)
+        >>> len(sg.plots.elasticities(data).axes)
+        1
+    """
     quantities = [str(v) for v in data["quantity"].values]
     numbers = [str(v) for v in data["by"].values]
     rows = -(-len(quantities) // 2)
@@ -302,7 +329,20 @@ def elasticities(data: xr.Dataset) -> Figure:
 
 
 def front(values: np.ndarray, labels: Sequence[str], kinds: Sequence[str], senses: Sequence[str]) -> Figure:
-    """A trade-off between two or three goals; values (design, goal) in SI. A third goal is the colour."""
+    """A trade-off between two or three goals; a third one is the colour.
+
+    Args:
+        values: in SI, shape (designs, goals).
+        labels: of the goals.
+        kinds: of the goals, keys of `units.DISPLAY`.
+        senses: "minimise", "maximise" or "reach" of each goal.
+
+    Examples:
+        >>> values = np.array([[0.1, 20 * mm], [0.2, 30 * mm]])
+        >>> figure = sg.plots.front(values, ["tip force", "length"], ["force", "length"], ["maximise", "minimise"])
+        >>> figure.axes[0].get_xlabel().splitlines()[0]
+        'tip force (N)'
+    """
     units = [DISPLAY[kind] for kind in kinds]
     columns = [values[:, k] / unit for k, (_, unit) in enumerate(units)]
     better = {"minimise": "less", "maximise": "more", "reach": "nearer"}

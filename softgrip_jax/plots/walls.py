@@ -21,11 +21,11 @@ from ..pneunet.wall.arc import Chamber
 from ..pneunet.wall.small_strain import SmallStrainChamber
 
 ARC_POINTS = 60
-"""On each arc of a wall."""
+"""Points on each arc of a wall."""
 GRID = 1024
 """Angles among which the one of a pressure is interpolated: right to a few hundred-thousandths."""
 INNER_POINTS = 81
-"""On the inner face of a wall."""
+"""Points on the inner face of a wall."""
 FLAT = 1e-12
 """m: a wall that is so near to its plane from edge to edge cannot bulge."""
 

@@ -32,11 +32,11 @@ TABLE_5_1 = {
 
 
 class PneuNet(Checked):
-    """Serially connected air chambers on a cover that bends as a beam (thesis 4.1, figures 4.2 to 4.5).
+    """Air chambers in a row on a cover that bends as a beam.
 
     `a, b, h_x, t_m, h_L` are numbers for a uniform finger, or arrays of one length n for a finger of n segments, each
-    with its own chamber (thesis 4.3.5). A uniform finger needs no whole number of chambers: the thesis's own is
-    77 / 6 = 12.8 segments long. The segments of a nonuniform finger share L in proportion to their pitch.
+    with its own chamber (thesis 4.3.5). A uniform finger needs no whole number of chambers: the thesis's own is 77 / 6
+    = 12.8 segments long. The segments of a nonuniform finger share L in proportion to their pitch.
 
     Args:
         a: half height of the chamber wall, m.
@@ -48,6 +48,16 @@ class PneuNet(Checked):
         B: width of the cover, m.
         L: length of the cover, m.
         material: strain energy of chambers and cover.
+
+    Raises:
+        InputError: where a field breaks its rule, or arrays have different lengths (outside of jit).
+
+    Source: thesis 4.1, figures 4.2 to 4.5.
+
+    Examples:
+        >>> finger = sg.PneuNet.table_5_1("A")
+        >>> print(f"{finger.pitch / mm:.1f} mm, {finger.L / finger.pitch:.1f} segments")
+        6.0 mm, 12.8 segments
     """
 
     a: PerSegment = positive("length")
@@ -70,7 +80,15 @@ class PneuNet(Checked):
 
     @classmethod
     def table_5_1(cls, kind: str, L: Any = 77 * mm) -> PneuNet:
-        """A finger of thesis table 5.1: kind "A", "B", "C" or "D"; L: length of the cover, m."""
+        """A finger of thesis table 5.1.
+
+        Args:
+            kind: "A", "B", "C" or "D".
+            L: length of the cover, m.
+
+        Raises:
+            InputError: for another kind.
+        """
         if kind not in TABLE_5_1:
             raise InputError(f"kind is {kind!r}; it must be one of {', '.join(map(repr, TABLE_5_1))}.")
         geometry, material = TABLE_5_1[kind]

@@ -165,24 +165,25 @@ class Bent(NamedTuple):
 class FingerScene(PathScene):
     """A finger under pressure with the loads that a subclass names.
 
-    section: law of the cover: "exact", "thesis" or "inextensible". inclination: how the chambers' walls incline as the
-    finger bends (thesis algorithm 5): "segment", theta_s = theta' (2 h_x + h_L) / 2, half the angle between adjacent
-    chambers; "gap", theta_s = theta' h_x, the turn over the gap alone; "none", theta_s = 0.
-
-    drive: what pushes the finger. "thesis": arcs in the walls and M_T of (4.39) on a bare cover, the thesis's model;
-    moment_spread "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)). "cell": the cell law
-    (`cell.law`), near to finite elements of chamber, walls, rims and cover together, at every point of the beam;
-    section and inclination have no part in it, and end_moment is that of a straight segment at the tip. The forces of
-    the two differ by a factor of about four: docs/theory/cell.md.
-
-    loading: the way on which a state is reached decides which one it is, and whether there is one. "first": weight and
-    pulls grow from nothing to their full size, then the pressure. "proportional": weight, pulls and tip offset grow in
-    proportion to the pressure, p(t) = t p with all loads times t. A light finger arrives at the same state; one that is
-    too heavy to be held without pressure may be held with it. Questions without a pressure of their own
-    (`limit_pressure`, `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
-
-    beam: how the beam's equations are solved, `Collocation(points=...)` or `Shooting(...)`. points: Gauss points of the
-    collocation where no `beam` is given; both at once are a ValueError.
+    Args:
+        section: law of the cover: "exact", "thesis" or "inextensible".
+        inclination: how the chambers' walls incline as the finger bends (thesis algorithm 5): "segment", theta_s =
+            theta' (2 h_x + h_L) / 2, half the angle between adjacent chambers, "gap", theta_s = theta' h_x, the turn
+            over the gap alone, or "none", theta_s = 0.
+        drive: what pushes the finger: "thesis", arcs in the walls and M_T of (4.39) on a bare cover, the thesis's
+            model, or "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
+            together, at every point of the beam. With it section and inclination have no part, and end_moment is that
+            of a straight segment at the tip. The forces of the two differ by a factor of about four:
+            docs/theory/cell.md.
+        moment_spread: of the drive "thesis": "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)).
+        loading: the way on which a state is reached, which decides which one it is: "first", weight and pulls grow from
+            nothing to their full size, then the pressure, or "proportional", weight, pulls and tip offset grow in
+            proportion to the pressure. A light finger arrives at the same state; one that is too heavy to be held
+            without pressure may be held with it. Questions without a pressure of their own (`limit_pressure`,
+            `pressure_for`, `branch`) then begin at all loads and a moderate pressure, reached in proportion.
+        beam: how the beam's equations are solved, `Collocation(points=...)` or `Shooting(...)`; with `points` given,
+            too, it is an InputError.
+        points: Gauss points of the collocation where no `beam` is given.
     """
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
@@ -271,21 +272,21 @@ class FingerScene(PathScene):
         """A bound of the force along the beam from the external loads, N."""
         return jnp.zeros_like(self.finger.L)
 
-    def tip_loads(self, held: Scalar, share: Scalar) -> Loads:
+    def tip_loads(self, held: Scalar, load_factor: Scalar) -> Loads:
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
         raise NotImplementedError
 
-    def bend(self, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment) -> Bent:
+    def bend(self, unknowns: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from its unknowns. By collocation they are the curvatures L theta' at all points, each times the
         root of its weight, so that their norm is that of the curvature along the beam; by shooting see
         `shooting.segments_of`."""
         method = self.method()
         if isinstance(method, Shooting):
-            return self._shot(method, unknowns, held, share, pressure)
+            return self._shot(method, unknowns, held, load_factor, pressure)
         parts, points = self.chambers()
         widths = parts.high - parts.low
         curvature = self._at_points(unknowns)
-        cover, line = self.line(curvature, held, share, pressure)
+        cover, line = self.line(curvature, held, load_factor, pressure)
         turned = -widths * (curvature @ points.weights)
         active = self._active(parts, turned, pressure)
         gaps = materialised(line.gaps(active).reshape(-1) * 3 / cover.slenderness)
@@ -302,13 +303,13 @@ class FingerScene(PathScene):
         inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.share * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
-    def cover(self, held: Scalar | None, share: Scalar, pressure: Any = None) -> Cover:
+    def cover(self, held: Scalar | None, load_factor: Scalar, pressure: Any = None) -> Cover:
         """What bends, and the loads on it; the pressure acts where the cell law is the section's."""
         law = self.law()
         if self.is_cell():
             parts, _ = self.chambers()
             law = jax.vmap(lambda chamber: cell_section(self.with_chamber(chamber), pressure))(parts.chamber)
-        return Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, share))
+        return Cover(self.finger.H / self.finger.L, law, self.tip_loads(held, load_factor))
 
     def _cut(self, method: Shooting, unknowns: Array) -> tuple[Part, Points, Segments]:
         parts, points = self.chambers()
@@ -317,13 +318,13 @@ class FingerScene(PathScene):
         return parts, points, segments_of(method, parts, self.clamp(), own, coupled)
 
     def _shot(
-        self, method: Shooting, unknowns: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+        self, method: Shooting, unknowns: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment
     ) -> Bent:
         """`bend` by shooting."""
         parts, _, segments = self._cut(method, unknowns)
         parallel = segments.last is None
         active = self._active(parts, jnp.zeros_like(parts.low) if parallel else segments.turned(), pressure)
-        cover = self.cover(held, share)
+        cover = self.cover(held, load_factor)
         arrived = shoot(method, cover, segments, active)
         turned = -jnp.diff(arrived.angles, prepend=self.clamp())
         return Bent(cover, parts, arrived, active, arrived.missed, turned)
@@ -360,11 +361,11 @@ class FingerScene(PathScene):
         return unknowns / jnp.sqrt(widths[:, None] * points.weights[None])
 
     def line(
-        self, curvature: Array, held: Scalar | None, share: Scalar, pressure: Scalar | Moment
+        self, curvature: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment
     ) -> tuple[Cover, Line]:
         """The beam with these curvatures under its loads; the pressure acts on it where the cell law is its law."""
         parts, points = self.chambers()
-        cover = self.cover(held, share, pressure)
+        cover = self.cover(held, load_factor, pressure)
         return cover, bend(cover, self.clamp(), parts, curvature, points)
 
     def margins_at_rest(self):
@@ -527,12 +528,12 @@ class FingerScene(PathScene):
             return pressure
         return Moment(end_moment(self.finger, pressure, jnp.zeros_like(self.finger.L)) / self.finger.moment_scale())
 
-    def weights(self, share: Scalar) -> tuple[Scalar, Scalar]:
+    def weights(self, load_factor: Scalar) -> tuple[Scalar, Scalar]:
         """(g_x, g_y) over mu B H, times L."""
         if self.weight is None:
             zero = jnp.zeros_like(self.finger.L)
             return zero, zero
-        scale = share * self.finger.L / self.finger.force_scale()
+        scale = load_factor * self.finger.L / self.finger.force_scale()
         return self.weight[0] * scale, self.weight[1] * scale
 
     def verified(self, found):
@@ -586,7 +587,7 @@ class FingerScene(PathScene):
         (turn, _, x, y), force = corrected(cover_of, held, tip, found, bent.active, tolerance)
         return jnp.max(jnp.abs(jnp.stack([turn, x, y, force])))
 
-    def bent(self, unknowns: Array, share: Scalar, pressure: Scalar | Moment) -> Bent:
+    def bent(self, unknowns: Array, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""
         raise NotImplementedError
 
@@ -627,17 +628,32 @@ def _shooting_error(scene: FingerScene, unknowns: Array, pressure: Scalar) -> Sc
 
 
 def shooting_error(solution: Solution) -> Scalar:
-    """How far the tip moves when the same equations are solved once more in another way, from what `solve` found.
+    """How far the tip moves when the same equations are solved once more by multiple shooting.
 
-    The other way is multiple shooting: diffrax's adaptive steps (Dopri8, tolerance 1e-10) lead from the clamp and from
-    every point along the finger to the next one, and one Newton step closes the jumps between them. Returned is the
-    largest change at the tip: of its place over L, its angle (rad) and, where it is held, its force over EI / L^2. One
-    shot from the clamp to the tip would be no check: what rounding leaves at the clamp grows by e^sqrt(P L^2/EI) on the
-    way under a tension P.
+    diffrax's adaptive steps (Dopri8, tolerance 1e-10) lead from the clamp and from every point along the finger to the
+    next one, and one Newton step closes the jumps between them. One shot from the clamp to the tip would be no check,
+    since what rounding leaves at the clamp grows by e^sqrt(P L^2 / EI) on the way under a tension P.
 
-    A check of the numerics, not of the model: it is small where the points along the finger tell its shape, and about
-    as large as the error where they do not, or where the state is wrong. NaN where there is no state. ValueError for
-    arcs in closed form (`Free` without loads).
+    It checks the numerics, not the model. It is small where the points along the finger tell its shape, and about as
+    large as the error where they do not, or where the state is wrong.
+
+    Args:
+        solution: of a finger that bends as a beam.
+
+    Returns:
+        The largest change at the tip, dimensionless: of its place over L, its angle (rad) and, where it is held, its
+            force
+        over EI / L^2. NaN where there is no state.
+
+    Raises:
+        InputError: for another scene, and for arcs in closed form (`Free` without loads).
+
+    Source: own; Keller 1968 for multiple shooting.
+
+    Examples:
+        >>> held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8)
+        >>> bool(sg.pneunet.shooting_error(sg.solve(held, 31 * kPa)) < 1e-5)
+        True
     """
     scene = solution.scene
     if not isinstance(scene, FingerScene) or scene.is_arcs():

@@ -30,21 +30,41 @@ MATCHED = 1e-6
 
 
 class Free(FingerScene):
-    """The finger bends in free space, under its weight and forces on its tip (thesis 4.4.1, 5.2.1).
+    """The finger bends in free space, under its weight and forces on its tip.
+
+    M' = lambda (P sin theta - Q cos theta) with P, Q the external loads beyond a section; M and N give theta' and
+    lambda by the section law; M(L) = M_T of the chambers. Without weight and tip load every part bends to a circular
+    arc, in closed form apart from one scalar root per part where the inclination couples.
 
     Args:
         finger: the actuator.
-        weight: (g_x, g_y), N/m; (0, 0) for none. The default is the thesis's horizontal finger.
-        tip_load: (F_x, F_y) on the tip, N.
+        weight: (g_x, g_y), N/m, (0, 0) for none; shape (2,). The default is the thesis's horizontal finger.
+        tip_load: (F_x, F_y) on the tip, N; shape (2,).
         clamp_angle: theta(0), rad: the finger's direction at the clamp (weight keeps its own).
-        section, inclination: as in FingerScene.
-        combination: "sum": one beam with the chambers' moment and the weight together; "larger": the thesis's rule
+        section: law of the cover, "exact", "thesis" or "inextensible".
+        inclination: how the walls incline as the finger bends: "segment", theta_s = theta' (2 h_x + h_L) / 2, "gap",
+            theta_s = theta' h_x, or "none".
+        combination: "sum", one beam with the chambers' moment and the weight together, or "larger", the thesis's rule
             (4.42) for nonuniform fingers, M_T = max(M_p, M_g) per segment with (4.40), in the bending direction.
-        loading: "first" or "proportional", see `FingerScene`.
-        points, beam: as in TipContact.
+        points: Gauss points along the beam, at least 3 in each of several parts.
+        beam, drive, moment_spread, loading: as in FingerScene.
 
-    Without weight and tip load every part bends to a circular arc and the answer is in closed form, apart from one
-    scalar root per part where the inclination couples.
+    Observables:
+        - tip: (x, y), m, shape (2,); the finger bends towards -y.
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - inclination: mean theta_s of the chambers, rad.
+
+    Raises:
+        InputError: where a field breaks its rule, or choices exclude each other (outside of jit).
+
+    Source: thesis 4.4.1, 5.2.1, with the exact section law. The thesis's drive gives a quarter of the moment of finite
+    elements; see docs/theory/cell.md.
+
+    Examples:
+        >>> free = sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=None, inclination="none")
+        >>> print(f"{sg.solve(free, 31 * kPa).end_moment / N_mm:.4f} N mm")
+        5.9326 N mm
     """
 
     finger: PneuNet = part(PneuNet)
@@ -82,9 +102,9 @@ class Free(FingerScene):
         sizes = [jnp.sum(jnp.abs(force)) * length for force, length in loads if force is not None]
         return sum(sizes, jnp.zeros_like(self.finger.L))
 
-    def tip_loads(self, held, share):
-        tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * share / self.finger.force_scale()
-        return Loads(tip[0], tip[1], *self.weights(share))
+    def tip_loads(self, held, load_factor):
+        tip = jnp.zeros(2) if self.tip_load is None else self.tip_load * load_factor / self.finger.force_scale()
+        return Loads(tip[0], tip[1], *self.weights(load_factor))
 
     def is_resolved(self, unknowns):
         return jnp.asarray(True) if self.is_arcs() else super().is_resolved(unknowns)
@@ -98,13 +118,13 @@ class Free(FingerScene):
     def unloaded_state(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
-    def bent(self, unknowns, share, pressure):
-        return self.bend(unknowns, None, share, pressure)
+    def bent(self, unknowns, load_factor, pressure):
+        return self.bend(unknowns, None, load_factor, pressure)
 
-    def residual_and_observables(self, unknowns, share, pressure):
+    def residual_and_observables(self, unknowns, load_factor, pressure):
         if self.is_arcs():
             return self.arcs_residual_and_observables(unknowns, pressure)
-        bent = self.bent(unknowns, share, pressure)
+        bent = self.bent(unknowns, load_factor, pressure)
         inclination = opening(bent.parts.chamber.share * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 

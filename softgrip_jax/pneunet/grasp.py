@@ -30,14 +30,24 @@ from .tip_contact import HeldTip
 
 
 class Gripper(Checked):
-    """`n` equal fingers on a circle, all pointing the same way and bending towards its axis.
+    """Equal fingers on a circle that point the same way and bend towards its axis.
 
     Args:
         finger: the actuator.
-        n: how many.
+        n: how many, 2 or more.
         base_radius: distance from the axis, at rest, of the lines of the fingers that touch the object, m.
         touch: which lines touch: "face", the faces of the covers, or "midline", the covers' mid-lines, half a thickness
             H further out. The thesis has its mid-lines touch, and its numbers are those of "midline".
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 4.4.2; "face" is own.
+
+    Examples:
+        >>> gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), n=3, base_radius=19.61 * mm)
+        >>> print(f"{gripper.midline_radius() / mm:.2f} mm")  # H/2 further out
+        22.11 mm
     """
 
     finger: PneuNet = part(PneuNet)
@@ -73,23 +83,11 @@ class Gripper(Checked):
 
 
 class Grasp(HeldTip):
-    """Fingertips pinch an object and lift it: each pulls m g / n and must press with F_ext (thesis 4.4.2, 5.2.3).
+    """Fingertips pinch an object and lift it.
 
-    Args:
-        gripper: the fingers and where they are clamped.
-        object: what is held; its mass and friction are the task.
-        tip_offset: y_c of the tip's mid-line, m, where it is known; by default it follows from the object's radius.
-        stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
-            that taper, whose radius is taken at the height of the tip.
-        weight: (g_x, g_y) of the finger, N/m; the default hangs the thesis's finger.
-        section, inclination, points, beam, loading: as in TipContact.
-
-    A tip presses or is free: where only a pull would keep it on the object, the grasp is NO_CONTACT and its force
-    exactly zero. `contact_pressure` is where the tips begin to press, with the weight of the object on them; where they
-    press already it is where the pressure begins to act, and inf where equilibrium ends before they press.
-
-    What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H from the end of its
-    mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the faces,
+    Each tip pulls H_ext = m g / n and must press with F_ext, mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees
+    for upright faces. What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H from the
+    end of its mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the faces,
 
         y = radius(z) - base_radius - H/2 (1 - cos(theta)),   z = stand_distance - (x + H/2 sin(theta))
 
@@ -97,13 +95,43 @@ class Grasp(HeldTip):
     percent or two of H/2. The forces on the tip act on the end of the mid-line, so their small moment about it, at most
     H/2 times the pull m g / n, is left out.
 
-    The rules of the scene (`ignored_rules`): at rest no finger is inside the object, another finger or the plane that
-    the object stands on, nor the object inside the palm. In a bent state the line that touches stays outside the object
-    along the whole finger, which is taken to reach up to the palm where its height is not given; fingers stay apart,
-    and so do their chambers; nothing reaches behind the palm.
+    A tip presses or is free: where only a pull would keep it on the object, the grasp is NO_CONTACT and its force
+    exactly zero. `contact_pressure` is where the tips begin to press, with the weight of the object on them; where they
+    press already it is where the pressure begins to act, and inf where equilibrium ends before they press.
 
-    required_force is F_ext: mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees for upright faces. security is
-    mu_f(F) F over that load: 1 is just held.
+    Its rules (`ignored_rules`): at rest no finger is inside the object, another finger or the plane that the object
+    stands on, nor the object inside the palm. In a bent state the line that touches stays outside the object along the
+    whole finger (up to the palm where the object's height is not given); fingers stay apart, and so do their chambers;
+    nothing reaches behind the palm.
+
+    Args:
+        gripper: the fingers and where they are clamped.
+        object: what is held; its mass and friction are the task.
+        tip_offset: y_c of the tip's mid-line, m, where it is known; by default it follows from the object's radius.
+        stand_distance: distance from the gripper's base to the plane that the object stands on, m: needed for objects
+            that taper, whose radius is taken at the height of the tip.
+        weight: (g_x, g_y) of the finger, N/m; shape (2,). The default hangs the thesis's finger.
+        section, inclination, points, beam, drive, moment_spread, loading: as in TipContact.
+
+    Observables:
+        - tip_force: of each tip on the object, N.
+        - required_force: F_ext, N; inf where no force does it.
+        - security: mu_f(F) F over the load, dimensionless: 1 is just held.
+        - tip: (x, y) of the mid-line's end, m, shape (2,).
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
+
+    Raises:
+        InputError: where a field breaks its rule, or stand_distance is missing (outside of jit).
+
+    Source: thesis 4.4.2, 5.2.3, algorithm 7; "face" is own.
+
+    Examples:
+        >>> gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), base_radius=19.61 * mm, touch="midline")
+        >>> rod = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
+        >>> grasp = sg.pneunet.Grasp(gripper, rod, section="thesis", points=8)
+        >>> print(f"{sg.solve(grasp, 26.47 * kPa).security:.3f}")  # just held; the thesis, which steps: 28 kPa
+        1.000
     """
 
     gripper: Gripper = part(Gripper)
@@ -199,8 +227,8 @@ class Grasp(HeldTip):
             raise InputError("pressure_for(Grasp) needs an object with mass > 0, or a target such as tip_force=0.1.")
         return "security", jnp.ones_like(mass)
 
-    def residual_and_observables(self, unknowns, share, pressure):
-        residual, observed = super().residual_and_observables(unknowns, share, pressure)
+    def residual_and_observables(self, unknowns, load_factor, pressure):
+        residual, observed = super().residual_and_observables(unknowns, load_factor, pressure)
         load = self.load()
         loaded = load > 0
         carried = friction_force(self.object.friction, observed["tip_force"])
@@ -248,9 +276,30 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
 
 
 def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
-    """The heaviest object (kg) of this shape and friction that the gripper holds at a pressure (Pa); differentiable.
+    """The heaviest object of this shape and friction that the gripper holds at a pressure.
 
-    0 where the tips do not press at all; NaN where the grasp has no equilibrium at this pressure.
+    The mass m and the state are solved for together, from mu_f(F) F = m g / n on each tip.
+
+    Args:
+        grasp: the gripper and the object; the object's own mass plays no part.
+        pressure: gauge pressure, Pa, a scalar.
+
+    Returns:
+        The mass, kg, differentiable: 0 where the tips do not press at all, NaN where the grasp has no equilibrium at
+            this
+        pressure.
+
+    Raises:
+        InputError: where grasp or pressure cannot be meant (outside of jit).
+
+    Source: own; the inverse of thesis algorithm 7.
+
+    Examples:
+        >>> gripper = sg.pneunet.Gripper(sg.PneuNet.table_5_1("A"), base_radius=19.61 * mm, touch="midline")
+        >>> rod = sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=0.96)
+        >>> grasp = sg.pneunet.Grasp(gripper, rod, section="thesis", points=8)
+        >>> print(f"{sg.pneunet.largest_mass(grasp, 26.47 * kPa) / gram:.1f} g")
+        26.0 g
     """
     solved = solve(grasp, pressure)  # checks the arguments
     return _largest_mass(solved.scene, solved.pressure)

@@ -1,4 +1,4 @@
-"""The cheapest rung: a linear finger of constant curvature (the Euler-Bernoulli models of thesis table 1.1)."""
+"""The simplest model of a finger: linear, of constant curvature (the Euler-Bernoulli models of thesis table 1.1)."""
 
 from __future__ import annotations
 
@@ -12,15 +12,32 @@ from .wall.small_strain import PLATE_END, SmallStrainChamber
 
 
 class Linear(SmallStrainChamber):
-    """A finger with small-strain chambers on a linear beam: free bending and blocked force, both explicit.
+    """A linear finger of constant curvature: free bending and blocked force, both explicit.
 
-    EI = mu B H^3 / 3 (plane strain, E/(1 - nu^2) = 4 mu); phi = tip_angle = M_T L / EI; the tip of the free finger lies
-    on a circle, x = L sin(phi) / phi, y = -L (1 - cos(phi)) / phi; held at y = 0 it presses with tip_force = 3 M_T /
-    (2 L), the prop of a cantilever under an end moment. M_T: see `SmallStrainChamber`; below contact it is zero and
-    the finger is straight. It steps up at contact, so no pressure gives a value inside that step.
+    EI = mu B H^3 / 3 (plane strain, E / (1 - nu^2) = 4 mu) and phi = M_T L / EI. The tip of the free finger lies on a
+    circle, x = L sin(phi) / phi, y = -L (1 - cos(phi)) / phi. Held at y = 0 the finger presses with 3 M_T / (2 L), the
+    prop of a cantilever under an end moment. M_T is that of `SmallStrainChamber`; below contact it is zero and the
+    finger is straight. M_T steps up at contact, so no pressure gives a value inside that step.
 
-    No limit, no weight, no offset: within a few percent of `TipContact` up to about a third of its limit moment.
-    Needs a uniform finger: ValueError for one with segments.
+    Args:
+        finger: a uniform finger.
+
+    Observables:
+        - tip: (x, y) of the free finger, m, shape (2,).
+        - tip_angle: phi, rad.
+        - tip_force: of the blocked finger, N.
+        - end_moment: M_T, N m.
+
+    Raises:
+        InputError: for a finger with segments.
+
+    Source: Euler-Bernoulli, the models of thesis table 1.1. It knows no limit, weight or offset, and is within a few
+    percent of `TipContact` up to about a third of its limit moment.
+
+    Examples:
+        >>> line = sg.solve(sg.pneunet.Linear(sg.PneuNet.table_5_1("A")), 15 * kPa)
+        >>> print(f"{line.tip_force * 77 * mm / line.end_moment:.3f}")  # 3/2
+        1.500
     """
 
     OBSERVABLES: ClassVar[dict[str, str]] = {

@@ -99,21 +99,21 @@ class HeldTip(FingerScene):
     def held_at(self, x, angle):
         return self.offset_at(x * self.finger.L, angle) / self.finger.L
 
-    def tip_loads(self, held, share):
+    def tip_loads(self, held, load_factor):
         scale = self.finger.force_scale()
-        return Loads(share * self.pull() / scale, held * self.held_unit() / scale, *self.weights(share))
+        return Loads(load_factor * self.pull() / scale, held * self.held_unit() / scale, *self.weights(load_factor))
 
     def held(self, unknowns):
         return unknowns[0]
 
-    def bent(self, unknowns, share, pressure):
-        return self.bend(unknowns[1:], unknowns[0], share, pressure)
+    def bent(self, unknowns, load_factor, pressure):
+        return self.bend(unknowns[1:], unknowns[0], load_factor, pressure)
 
-    def residual_and_observables(self, unknowns, share, pressure):
-        bent = self.bent(unknowns, share, pressure)
+    def residual_and_observables(self, unknowns, load_factor, pressure):
+        bent = self.bent(unknowns, load_factor, pressure)
         length = self.finger.L
         x, y = (end[-1] for end in bent.line.ends)
-        away = y - share * self.offset_at(x * length, bent.line.angles[-1]) / length
+        away = y - load_factor * self.offset_at(x * length, bent.line.angles[-1]) / length
         observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
         n = len(bent.gaps)  # put together by products: of what is concatenated XLA computes entry by entry
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
@@ -137,24 +137,43 @@ TOUCHING = 1e-12
 
 
 class TipContact(HeldTip):
-    """The finger presses with its tip on something that holds it at y = `tip_offset` (thesis 4.4.2, 5.2.2).
+    """The finger presses with its tip on something that holds it at a given y.
+
+    The beam of `Free` with y(L) = y_c as one more equation and the force Lambda across the tip as one more unknown:
+    (4.49), (4.50), (4.59) to (4.63).
 
     Args:
         finger: the actuator.
         tip_offset: y_c, the y at which the tip is held, m; negative is further along the bending.
         tip_pull: H_ext, force on the tip along +x, N.
-        weight: (g_x, g_y), N/m; None or (0, 0) for none.
+        weight: (g_x, g_y), N/m, None or (0, 0) for none; shape (2,).
         section, inclination: as in FingerScene; the thesis keeps theta_s = 0 here, which is the default.
-        hold: "both", the tip is held from both sides, as in the thesis's test stand, where offsets and weight of
-            either sign are measured: a negative tip_force pulls. "press", the tip leans on a face and nothing can pull:
-            NO_CONTACT, with the force that is missing as its detail, where only a pull would keep it there.
-        loading: "first" or "proportional", see `FingerScene`.
         points: Gauss points along the beam, at least 3 in each of several parts. More are taken where loads that are
             known numbers pull so strongly that the beam bends in thin layers; under vmap or jit of the loads that is
             for the caller, and NOT_CONVERGED comes back where the points do not tell the beam's shape.
+        hold: "both", the tip is held from both sides, as in the thesis's test stand, and a negative tip_force pulls, or
+            "press", the tip leans on a face and nothing can pull. NO_CONTACT then says that only a pull would keep it
+            there, with the force that is missing as its detail.
         beam: how the beam's equations are solved, Collocation(points=16) by default, or Shooting(...), see there.
+        drive, moment_spread, loading: as in FingerScene.
 
-    tip_force is Lambda: positive when the tip pushes towards -y, negative where what holds it pulls (hold = "both").
+    Observables:
+        - tip_force: Lambda, N, positive when the tip pushes towards -y on what holds it.
+        - tip: (x, y), m, shape (2,).
+        - tip_angle: turn of the tip, rad, positive in the bending direction.
+        - end_moment: M_T, N m, positive in the bending direction.
+
+    Raises:
+        InputError: where a field breaks its rule, or choices exclude each other (outside of jit).
+
+    Source: thesis 4.4.2, 5.2.2, with the exact section law. It ends in a fold: past a largest M_T there is no
+    equilibrium.
+
+    Examples:
+        >>> held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8)
+        >>> pressed = sg.solve(held, 31 * kPa)
+        >>> print(f"{pressed.tip_force:.4f} N, {pressed.tip_angle:.4f} rad")
+        0.1266 N, 1.0834 rad
     """
 
     finger: PneuNet = part(PneuNet)

@@ -24,13 +24,23 @@ Scalar = Float[Array, ""]
 
 
 class FlatShell(Checked):
-    """A membrane 2a x 2b x t_m, clamped on its edges, on a rigid shell (thesis 3.1).
+    """A rectangular membrane 2a x 2b x t_m that is clamped on the edges of a rigid shell.
 
     Args:
-        a: half width (the smaller side), m.
+        a: half width (half of the smaller side), m.
         b: half length, m, at least a.
         t_m: membrane thickness, m.
         material: strain energy of the membrane.
+
+    Raises:
+        InputError: where a field breaks its rule, or b is less than a (outside of jit).
+
+    Source: thesis 3.1. Walls are thin: above t_m / a of about 0.1 bending counts.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> print(f"{shell.pressure_scale() / kPa:.3f} kPa")
+        12.031 kPa
     """
 
     a: Scalar = positive("length")
@@ -63,8 +73,8 @@ class ShellScene(CurveScene):
     """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""
 
     NO_END: ClassVar[float] = 1e6
-    """Of such a state the pressure has no limit where it is beyond so many mu t_m / a at the last angle; below that the
-    angle's end is the model's end (Ogden's alpha just above 3: p grows with the stretch to the power alpha - 3)."""
+    """Such a state has no limit where its pressure at the last angle is more than so many mu t_m / a. Where it is less,
+    the model ends at the last angle (Ogden's alpha just above 3: p grows with the stretch to the power alpha - 3)."""
 
     def __check_init__(self) -> None:
         if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:

@@ -22,7 +22,18 @@ Place = Float[Array, "3"]
 
 
 class Obstacle(Checked):
-    """A rigid object. A new one needs `distance`, which may be any function that JAX can differentiate twice."""
+    """A rigid object by its signed distance.
+
+    A new object derives from it and needs `distance`, which may be any function that JAX can differentiate twice. Its
+    gradient is a unit vector on the surface.
+
+    Examples:
+        >>> class Step(sg.shell.obstacles.Obstacle):
+        ...     def distance(self, place):
+        ...         return 5 * mm - place[2]
+        >>> print(f"{Step().distance(jnp.zeros(3)) / mm:.1f} mm")
+        5.0 mm
+    """
 
     @abc.abstractmethod
     def distance(self, place: Place) -> Scalar:
@@ -30,22 +41,48 @@ class Obstacle(Checked):
 
 
 def length(vector: Float[Array, " n"]) -> Scalar:
-    """The norm, with derivative zero at zero."""
+    """The norm of a vector, with derivative zero at zero.
+
+    Args:
+        vector: any vector, shape (n,), in any unit.
+
+    Examples:
+        >>> print(f"{sg.shell.obstacles.length(jnp.array([3.0, 4.0])):.1f}")
+        5.0
+    """
     square = vector @ vector
     apart = square > 0
     return jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1.0)), 0.0)
 
 
 def direction(tilt_x: Scalar, tilt_y: Scalar) -> Place:
-    """z, turned by tilt_x about x and then by tilt_y about y, rad."""
+    """The unit vector z, turned by tilt_x about x and then by tilt_y about y.
+
+    Args:
+        tilt_x, tilt_y: angles, rad.
+
+    Examples:
+        >>> tilted = sg.shell.obstacles.direction(jnp.asarray(0.0), jnp.asarray(np.pi / 2))  # about y: from z to x
+        >>> print(f"{tilted[0]:.1f}")
+        1.0
+    """
     return jnp.stack([jnp.sin(tilt_y) * jnp.cos(tilt_x), -jnp.sin(tilt_x), jnp.cos(tilt_y) * jnp.cos(tilt_x)])
 
 
 class Plane(Obstacle):
     """A half space in any attitude.
 
-    height: where the plane crosses the z axis, m. tilt_x, tilt_y: rad; its normal, which points away from the membrane,
-    is z turned by tilt_x about x and then by tilt_y about y.
+    Args:
+        height: where the plane crosses the z axis, m.
+        tilt_x, tilt_y: turns of its normal from z, by tilt_x about x and then by tilt_y about y, rad; the normal points
+            away from the membrane.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Examples:
+        >>> print(f"{sg.shell.obstacles.Plane(height=5 * mm).distance(jnp.zeros(3)) / mm:.1f} mm")
+        5.0 mm
     """
 
     height: Scalar = positive("length")
@@ -59,9 +96,21 @@ class Plane(Obstacle):
 class Cylinder(Obstacle):
     """An endless circular cylinder in any position and posture.
 
-    radius, gap: m; the point of its surface next to the membrane is at z = gap above (offset_x, offset_y).
-    heading: rad, of its axis from x (across the membrane, the thesis's posture) towards y (pi/2: along it).
-    incline: rad, by which the axis then rises towards its heading, about the axis's point above (offset_x, offset_y).
+    Args:
+        radius: of the cylinder, m.
+        gap: z of the point of its surface next to the membrane, above (offset_x, offset_y), m.
+        offset_x, offset_y: where that point is, m.
+        heading: turn of its axis from x (across the membrane, the thesis's posture) towards y (along it), rad.
+        incline: angle by which the axis then rises towards its heading, about its point above the place of contact,
+            rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Examples:
+        >>> rod = sg.shell.obstacles.Cylinder(radius=20 * mm, gap=5 * mm)
+        >>> print(f"{rod.distance(jnp.array([30 * mm, 0.0, 0.0])) / mm:.1f} mm")  # the rod runs along x
+        5.0 mm
     """
 
     radius: Scalar = positive("length")
@@ -79,7 +128,21 @@ class Cylinder(Obstacle):
 
 
 class Sphere(Obstacle):
-    """A ball. radius, gap, offset_x, offset_y: m; its nearest point is at z = gap above (offset_x, offset_y)."""
+    """A ball above the membrane.
+
+    Args:
+        radius: of the ball, m.
+        gap: z of its nearest point, above (offset_x, offset_y), m.
+        offset_x, offset_y: where that point is, m.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Examples:
+        >>> ball = sg.shell.obstacles.Sphere(radius=20 * mm, gap=5 * mm)
+        >>> print(f"{ball.distance(jnp.zeros(3)) / mm:.1f} mm")
+        5.0 mm
+    """
 
     radius: Scalar = positive("length")
     gap: Scalar = positive("length")
@@ -91,10 +154,22 @@ class Sphere(Obstacle):
 
 
 class Box(Obstacle):
-    """A box with rounded edges, flat above the membrane.
+    """A box with rounded edges, whose lower face is parallel to the membrane.
 
-    half_x, half_y, half_z: half sides over the rounding, m. rounding: radius of the edges, m, at most the least half
-    side. gap: z of its lower face, m. offset_x, offset_y: of its middle, m. heading: rad, turn about z.
+    Args:
+        half_x, half_y, half_z: half sides over the rounding, m.
+        rounding: radius of the edges, m, at most the least half side.
+        gap: z of its lower face, m.
+        offset_x, offset_y: of its middle, m.
+        heading: turn about z, rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Examples:
+        >>> box = sg.shell.obstacles.Box(8 * mm, 8 * mm, 8 * mm, rounding=1 * mm, gap=5 * mm)
+        >>> print(f"{box.distance(jnp.zeros(3)) / mm:.1f} mm")
+        5.0 mm
     """
 
     half_x: Scalar = positive("length")
@@ -118,7 +193,14 @@ class Box(Obstacle):
 class Shape(Obstacle):
     """Any object, from a function of the user.
 
-    function: (place, parameters) -> signed distance, m. parameters: any pytree of arrays, derivatives included.
+    Args:
+        function: (place (m, shape (3,)), parameters) -> signed distance, m.
+        parameters: any pytree of arrays; derivatives by them are taken, too.
+
+    Examples:
+        >>> wall = sg.shell.obstacles.Shape(lambda place, height: height - place[2], jnp.asarray(5 * mm))
+        >>> print(f"{wall.distance(jnp.zeros(3)) / mm:.1f} mm")
+        5.0 mm
     """
 
     function: Any = eqx.field(static=True)

@@ -12,18 +12,30 @@ from ..scene import Solver
 
 
 class ArcLength(Solver):
-    """Follow the path from zero load to the pressure, through nothing that it cannot see; for scenes of several
-    unknowns, the fingers, and what they use by themselves.
+    """Arc-length continuation from zero load to the pressure, for scenes with several unknowns.
 
-    Predictor along the tangent, Newton's method across it, see `numerics.paths`: a limit point on the way is
-    BEYOND_LIMIT, a bifurcation under the loads is IMPOSSIBLE. What is found is solved to rounding, whatever the steps:
-    their length only decides how sure it is that no step goes from one branch to another.
+    It is what fingers use by themselves. The predictor goes along the tangent of the path, Newton's method corrects
+    across it (see `numerics.paths`). A limit point on the way is BEYOND_LIMIT, a bifurcation under the loads is
+    IMPOSSIBLE. The answer is solved to rounding whatever the steps; their length only decides how sure it is that no
+    step goes from one branch to another.
 
     Args:
-        first_step: arc length that is tried first while external loads grow, in scaled unknowns and loads.
-        largest_step: of any step; also the first one where the pressure acts alone, where the path is nearly straight.
-        turn: cosine of the largest turn of the tangent in one step, from 0 to 1.
+        first_step: arc length that is tried first while external loads grow, dimensionless (scaled unknowns and loads).
+        largest_step: of any step, dimensionless; also the first one where the pressure acts alone, where the path is
+            nearly straight.
+        turn: cosine of the largest turn of the tangent in one step, dimensionless, between 0 and 1.
         max_steps: NOT_CONVERGED where more are needed.
+
+    Raises:
+        InputError: where a number is out of its range.
+
+    Source: Riks 1979, Crisfield 1981 for the method.
+
+    Examples:
+        >>> held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8)
+        >>> short = sg.solvers.ArcLength(largest_step=0.5)
+        >>> print(f"{sg.solve(held, 31 * kPa, solver=short).tip_force:.5f} N")
+        0.12662 N
     """
 
     first_step: float = eqx.field(static=True, default=FIRST_STEP)

@@ -14,14 +14,21 @@ LARGEST_STEP = 1.3
 
 
 class MinimumEnergy(Solver):
-    """Follow the minimum of the energy from the flat membrane to the pressure; for the energy membrane, which uses it
-    by itself.
+    """The minimum of the energy, followed from the flat membrane to the pressure; for the energy membrane.
 
-    Newton's method with a line search, contact by an augmented Lagrangian, see `numerics.minimise`: what is found is a
-    minimum, so it is stable; where none is left ahead the state is BEYOND_LIMIT. It is solved to rounding.
+    It is what `model="energy"` uses by itself: Newton's method with a line search, contact by an augmented Lagrangian
+    (see `numerics.minimise`). The answer is a minimum, so it is stable, and is solved to rounding. Where no minimum is
+    left ahead the state is BEYOND_LIMIT.
 
     Args:
-        largest_step: of the load, which is the cube root of p a / (mu t_m); the membrane rises in proportion to it.
+        largest_step: of the load (p a / (mu t_m))^(1/3), dimensionless; the membrane rises in proportion to it.
+
+    Raises:
+        InputError: where largest_step is not positive.
+
+    Examples:
+        >>> sg.solvers.MinimumEnergy(largest_step=0.5)
+        MinimumEnergy(largest_step=0.5)
     """
 
     largest_step: float = eqx.field(static=True, default=LARGEST_STEP)

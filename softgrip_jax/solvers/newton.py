@@ -25,28 +25,36 @@ MIDDLE = 0.45
 
 
 class Newton(Solver):
-    """`optimistix.root_find` by `optimistix.Newton` from a guess: the way to follow a parameter from one solution to
-    the next one, and quick for small changes; for scenes with equations, that is shells, chambers and fingers.
+    """Newton's method from a guess (`optimistix.root_find`), whose answer is certified before it counts.
 
-    Without a guess it begins at the unloaded finger, from where its first step leads to the linear finger; for scenes
-    of one unknown at the middle of their interval.
+    It suits a parameter that changes a little from one solution to the next; for scenes with equations, that is shells,
+    chambers and fingers. Without a guess it begins at the unloaded finger, from where its first step leads to the
+    linear finger; for scenes with one unknown it begins in the middle of their interval.
 
-    Newton's method finds a root, on whatever branch. OK is what also has the certificate of the branch connected to
-    zero load: for one unknown the load must rise with it (and the approach be free of limit points), which for
-    materials whose load has one maximum is a proof; for several the sign of det(dr/dy) must be what it is without any
-    load, where the branch begins, for it changes where the branch passes a limit point or a simple bifurcation. Another
-    branch on which the load rises, or a state behind two such points, has the same signs: the certificate does not tell
-    those, and only ArcLength and ExplicitCurve do. Without it the state is NOT_CONVERGED, with the reason
-    ANOTHER_BRANCH where the equations are solved, RESIDUAL_TOO_LARGE where they are not: Newton's method cannot know
+    Newton's method finds a root on whatever branch. A root is OK where it also has the certificate of the branch
+    connected to zero load. For one unknown the load must rise with it (and the approach be free of limit points), which
+    is a proof for materials whose load has one maximum. For several unknowns the sign of det(dr/du) must be what it is
+    without load, where the branch begins, since it changes at a limit point and at a simple bifurcation. Another branch
+    on which the load rises, or a state behind two such points, has the same sign: the certificate does not tell these
+    apart, and only ArcLength and ExplicitCurve do. Without the certificate a state is NOT_CONVERGED, with the reason
+    ANOTHER_BRANCH where the equations are solved and RESIDUAL_TOO_LARGE where they are not: Newton's method cannot know
     that there is no equilibrium.
 
-    Derivatives are those of optimistix's ImplicitAdjoint, attached by the package's own rule as for every solver.
-
     Args:
-        rtol, atol: relative and absolute tolerance of the last step. What is left must be rounding all the same for the
-            state to be OK, so that larger ones do not give rough answers but NOT_CONVERGED.
+        rtol, atol: relative and absolute tolerance of the last step, dimensionless, between 0 and 1. The residual must
+            be rounding all the same, so larger tolerances do not give rough answers but NOT_CONVERGED.
         max_steps: at most.
         linear_solver: of lineax, for the steps; by default optimistix's choice.
+
+    Raises:
+        InputError: where a number is out of its range, or linear_solver is not one of lineax.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> near = sg.solve(sg.shell.Free(shell), 14 * kPa)
+        >>> found = sg.solve(sg.shell.Free(shell), 15 * kPa, solver=sg.solvers.Newton(), guess=near)
+        >>> print(f"{found.inflation / mm:.2f} mm")
+        13.41 mm
     """
 
     rtol: float = eqx.field(static=True, default=1e-9)

@@ -26,7 +26,21 @@ SLOPE_OF, STATUS_OF, REASON_OF = "slope_of_", "status_", "reason_"
 
 
 def labelled(study: Any, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Dataset:
-    """The Dataset of all designs; arrays have one row per design: values, statuses, reasons and perhaps slopes."""
+    """The results of a study as a labelled Dataset in SI.
+
+    Args:
+        study: whose results they are.
+        designs: SI values, shape (designs, varied numbers).
+        arrays: one row per design: values, statuses, reasons and perhaps slopes.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> walls = sg.study.Table(np.array([[1.1 * mm]]))
+        >>> study = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls)
+        >>> arrays = {"values": np.array([[13.4 * mm]]), "statuses": np.array([[0]]), "reasons": np.array([[0]])}
+        >>> sg.study.labelled(study, walls.rows(0, 1), arrays).inflation_at_15_kPa.attrs["units"]
+        'm'
+    """
     leaves, asked, set_of = study.leaves, study.asked, study.designs
     is_grid = isinstance(set_of, Grid)
     dims = tuple(leaves.names) if is_grid else (DESIGN,)

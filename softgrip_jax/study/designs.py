@@ -17,7 +17,19 @@ from ..parameters import SCALES, between, require_range
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """Bounds of one variable in SI, to be filled evenly, or evenly in the logarithm (scale "log")."""
+    """Bounds of one variable of a study.
+
+    Args:
+        low, high: the bounds, in SI.
+        scale: "linear", or "log" to fill it evenly in the logarithm.
+
+    Raises:
+        InputError: where low is not below high, or a logarithmic bound is not positive.
+
+    Examples:
+        >>> sg.study.Range(1.0, 100.0, scale="log").points(3).round(9).tolist()
+        [1.0, 10.0, 100.0]
+    """
 
     low: float
     high: float
@@ -32,7 +44,15 @@ class Range:
 
 
 class Designs(abc.ABC):
-    """Rows of SI values, one column per varied number."""
+    """A set of designs: rows of SI values, one column per varied number.
+
+    Rows are made on demand, so that a set of any size takes little memory. A subclass gives `rows`, `shape` and
+    `columns`.
+
+    Examples:
+        >>> isinstance(sg.study.Grid([np.array([1.0, 2.0])]), sg.study.Designs)
+        True
+    """
 
     shape: tuple[int, ...]
     """(number of designs,), or the lengths of the axes of a grid."""
@@ -40,6 +60,7 @@ class Designs(abc.ABC):
 
     @property
     def count(self) -> int:
+        """Number of designs."""
         return math.prod(self.shape)
 
     @abc.abstractmethod
@@ -48,7 +69,18 @@ class Designs(abc.ABC):
 
 
 class Grid(Designs):
-    """Every combination of the values of each axis; the last axis runs fastest."""
+    """Every combination of the values of each axis; the last axis runs fastest.
+
+    Args:
+        axes: one list of values in SI per varied number, shapes (n_1,), (n_2,), ...
+
+    Raises:
+        InputError: where an axis is empty.
+
+    Examples:
+        >>> sg.study.Grid([np.array([1.0, 2.0]), np.array([5.0, 6.0, 7.0])]).rows(2, 4).tolist()
+        [[1.0, 7.0], [2.0, 5.0]]
+    """
 
     def __init__(self, axes: Sequence[np.ndarray]):
         self.axes = [np.asarray(axis, dtype=float) for axis in axes]
@@ -62,7 +94,16 @@ class Grid(Designs):
 
 
 class Samples(Designs):
-    """Points of the unit cube, spread over ranges."""
+    """Points of the unit cube, spread over ranges.
+
+    Args:
+        ranges: a `Range` per varied number.
+        count: number of designs, 1 or more.
+        seed: of the random numbers.
+
+    Raises:
+        InputError: where count is less than 1.
+    """
 
     def __init__(self, ranges: Sequence[Range], count: int, seed: int = 0):
         if count < 1:
@@ -80,7 +121,22 @@ class Samples(Designs):
 
 
 class Sobol(Samples):
-    """A scrambled Sobol sequence (Owen): even in every projection; best at powers of two."""
+    """A scrambled Sobol sequence: even in every projection, best at powers of two.
+
+    Args:
+        ranges: a `Range` per varied number.
+        count: number of designs, 1 or more.
+        seed: of the scrambling.
+
+    Raises:
+        InputError: where count is less than 1.
+
+    Source: Owen 1995, by `scipy.stats.qmc`.
+
+    Examples:
+        >>> sg.study.Sobol([sg.study.Range(1.0, 2.0)], 4).rows(0, 4).shape
+        (4, 1)
+    """
 
     def unit(self, start, stop):
         sequence = qmc.Sobol(self.columns, rng=self.seed)
@@ -93,9 +149,24 @@ class Sobol(Samples):
 
 
 class LatinHypercube(Samples):
-    """Each variable is cut into as many slices as there are samples, each slice hit once (McKay 1979).
+    """Each variable is cut into as many slices as there are samples, and each slice is hit once.
 
     The permutations of all slices are made at once and kept: 8 bytes per number.
+
+    Args:
+        ranges: a `Range` per varied number.
+        count: number of designs, 1 or more.
+        seed: of the permutations.
+
+    Raises:
+        InputError: where count is less than 1.
+
+    Source: McKay, Beckman and Conover 1979, by `scipy.stats.qmc`.
+
+    Examples:
+        >>> points = sg.study.LatinHypercube([sg.study.Range(0.0, 4.0)], 4).rows(0, 4)
+        >>> sorted(int(x) for x in points[:, 0])  # one in each quarter
+        [0, 1, 2, 3]
     """
 
     _points: np.ndarray | None = None
@@ -107,7 +178,18 @@ class LatinHypercube(Samples):
 
 
 class Table(Designs):
-    """Designs as they are given, one per row."""
+    """Designs as they are given, one per row.
+
+    Args:
+        values: in SI, shape (designs, varied numbers).
+
+    Raises:
+        InputError: where the table is empty.
+
+    Examples:
+        >>> sg.study.Table(np.array([[1.0, 5.0], [2.0, 6.0]])).count
+        2
+    """
 
     def __init__(self, values: np.ndarray):
         self.values = np.atleast_2d(np.asarray(values, dtype=float))

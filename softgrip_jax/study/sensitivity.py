@@ -26,20 +26,37 @@ def sensitivity(
     seed: int = 0,
     report: Tell = silent,
 ) -> xr.Dataset:
-    """Elasticities, and where tolerances are given what they do, as a labelled Dataset.
+    """Elasticities of quantities by the numbers of a design, and what manufacturing tolerances do to them.
 
-    value (quantity), slope (quantity, by): dy/dx in SI. elasticity: d ln y / d ln x = (x / y) dy/dx, how many per cent
-    y changes for one per cent of x; NaN where y is zero.
+    The Dataset holds value (quantity), slope dy/dx (quantity, by) in SI, and elasticity d ln y / d ln x = (x / y)
+    dy/dx, how many per cent y changes for one per cent of x; NaN where y is zero.
 
-    A tolerance of t means x within x0 - t and x0 + t, evenly distributed, and independent of the others (GUM 4.3.7):
-    its standard deviation is t / sqrt(3). deviation_by_gradient (quantity): sqrt(sum of (dy/dx t / sqrt(3))^2);
-    share (quantity, by): how much of its square is due to each number. deviation_by_sampling: that of `samples` designs
-    drawn at random, with deviation_error, its own standard error, mean_by_sampling, and answered, the part of the
-    samples that have an answer: only these are counted in the others.
+    A tolerance of t means x within x0 - t and x0 + t, evenly distributed, and independent of the others: its standard
+    deviation is t / sqrt(3). deviation_by_gradient (quantity) is sqrt(sum of (dy/dx t / sqrt(3))^2); share (quantity,
+    by) is how much of its square is due to each number. deviation_by_sampling is that of `samples` designs drawn at
+    random, with deviation_error, its own standard error, mean_by_sampling, and answered, the part of the samples that
+    have an answer: only these are counted in the others.
 
     Args:
-        tolerances: in SI, one per entry of the leaves; None where the number is exact.
+        scenes: a dictionary of scenes by name.
+        leaves: names of the varied numbers, see `softgrip_jax.parameters`.
+        quantities: what to look at, see `softgrip_jax.quantities`.
+        tolerances: in SI, one per varied number; None where the number is exact.
+        samples: designs that are drawn at random.
+        seed: of these.
         report: told of every stage, and of how many samples are done.
+
+    Raises:
+        InputError: for an unknown name.
+
+    Source: GUM (JCGM 100:2008) 4.3.7 and 5.1.2.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> scenes = {"free": sg.shell.Free(shell)}
+        >>> data = sg.study.sensitivity(scenes, ["shell.material.mu"], [sg.Quantity("limit_pressure")])
+        >>> print(f"{float(data.elasticity[0, 0]):.6f}")  # every pressure is proportional to mu
+        1.000000
     """
     numbers = Parameters(scenes, [Parameter(leaf) if isinstance(leaf, str) else leaf for leaf in leaves])
     reference = numbers.reference

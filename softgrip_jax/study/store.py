@@ -35,7 +35,22 @@ Report = Callable[[int, int], None]
 
 
 def load_study(folder: str | Path) -> xr.Dataset:
-    """The result of `softgrip sweep`, opened lazily: what is not looked at stays on the disk."""
+    """The result of `softgrip sweep` or `run_in`, opened lazily: what is not looked at stays on the disk.
+
+    Args:
+        folder: of the study.
+
+    Returns:
+        An xarray Dataset in SI.
+
+    Raises:
+        ConfigError: where there is no finished study.
+
+    Examples:
+        >>> sg.load_study("nowhere")
+        Traceback (most recent call last):
+        softgrip_jax.errors.ConfigError: nowhere cannot be opened: there is no study.nc in it.
+    """
     path = Path(folder) / RESULT
     if not path.is_file():
         started = (Path(folder) / MANIFEST).is_file()
@@ -53,7 +68,7 @@ def run_in(
     report: Report = lambda done, skipped: None,
     remark: Callable[[str], None] = lambda sentence: None,
 ) -> None:
-    """Run a study in a folder, or go on with it.
+    """Run a study in a folder; where the folder holds a part of it already, go on from there.
 
     Args:
         folder: made where it does not exist.
@@ -63,7 +78,18 @@ def run_in(
         report: called with (designs done, designs that were found done) at the start and after every chunk.
         remark: called with a sentence where chunks that were found cannot be read, and are computed again.
 
-    Raises: ConfigError where the folder holds something else.
+    Raises:
+        ConfigError: where the folder holds something else.
+
+    Examples:
+        >>> from pathlib import Path
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> walls = sg.study.Grid([np.array([1.0, 1.1]) * mm])
+        >>> study = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls)
+        >>> sg.study.run_in(Path("walls"), study, "two walls")
+        >>> with sg.load_study("walls") as data:
+        ...     print(f"{float(data.inflation_at_15_kPa[1]) / mm:.4f} mm")
+        13.4067 mm
     """
     begun = _manifest(study, identity)
     previous = _read_manifest(folder)

@@ -28,14 +28,27 @@ BATCH = 128
 
 
 class Study:
-    """What to vary, what to look at, and which designs.
+    """A parameter study: what to vary, what to look at, and which designs.
+
+    Designs run in chunks of one size through one compiled program, so a design gives the same bits wherever it stands.
 
     Args:
         scenes: one scene, or a dictionary of several that share what varies.
-        leaves: names of the varied numbers, see `softgrip_jax.parameters`.
+        leaves: names of the varied numbers, for instance "shell.t_m", see `softgrip_jax.parameters`.
         quantities: what to compute of every design, see `softgrip_jax.quantities`.
-        designs: Grid, LatinHypercube, Sobol or Table of SI values, a column per varied number.
+        designs: Grid, LatinHypercube, Sobol or Table of SI values, one column per varied number.
         gradients: whether to compute the derivatives of every quantity by every varied number too.
+
+    Raises:
+        InputError: for an unknown name, no quantity, or designs with another number of columns.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> walls = sg.study.Grid([np.array([1.0, 1.1]) * mm])
+        >>> study = sg.Study(sg.shell.Free(shell), ["shell.t_m"], [sg.Quantity("inflation", at=15 * kPa)], walls)
+        >>> data = study.run()
+        >>> print(f"{float(data.inflation_at_15_kPa[1]) / mm:.4f} mm")
+        13.4067 mm
     """
 
     def __init__(
@@ -58,6 +71,7 @@ class Study:
 
     @property
     def chunks(self) -> int:
+        """Number of chunks."""
         return -(-self.designs.count // self.chunk)
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
@@ -81,6 +95,7 @@ class Study:
 
     @cached_property
     def compiled(self) -> Any:
+        """`measure` of a whole chunk, as one program."""
         return jax.jit(lambda x: lax.map(self.measure, x, batch_size=BATCH))
 
     def evaluate(self, rows: np.ndarray) -> dict[str, np.ndarray]:

@@ -86,18 +86,18 @@ def compute(tell: Tell = silent) -> Fingers:
     free_shape = {name: {k: np.asarray(v) for k, v in shapes(found[name]).items()} for name in thesis.KINDS}
     free_shape["nonuniform"] = {k: np.asarray(v) for k, v in shapes(found["nonuniform"]).items()}
 
-    lanes = []
+    scenes = []
     for kind in thesis.KINDS:
         for offset in thesis.TIP_OFFSETS:
-            lanes.append(thesis.blocked_finger(kind, offset))
-            blocked.add(f"{kind} {offset / mm:.0f}", [lanes[-1]] * len(PRESSURES), PRESSURES)
+            scenes.append(thesis.blocked_finger(kind, offset))
+            blocked.add(f"{kind} {offset / mm:.0f}", [scenes[-1]] * len(PRESSURES), PRESSURES)
     for length in thesis.LENGTHS.values():
         for kind in "CD":
             blocked.add(f"{kind} L {length / mm:.0f}", [thesis.blocked_finger(kind, 0.0, length)], [PRESSURES[AT_31]])
     tell("held fingers", 1, parts)
     tips = blocked.solve(timed=True)
     tell("their limits", 2, parts)
-    limits = np.asarray(jax.jit(jax.vmap(limit_pressure))(stacked(lanes))).reshape(len(thesis.KINDS), -1)
+    limits = np.asarray(jax.jit(jax.vmap(limit_pressure))(stacked(scenes))).reshape(len(thesis.KINDS), -1)
     stretch = _largest_stretch([tips[f"{kind} {y / mm:.0f}"] for kind in thesis.KINDS for y in thesis.TIP_OFFSETS])
     tell("grasps", 3, parts)
     held, needed = _grasps()

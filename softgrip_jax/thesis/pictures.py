@@ -14,22 +14,22 @@ from ..units import degree, kPa, mm
 from . import printed as thesis
 from . import shells as shell_rows
 from .fingers import AT_31, Fingers
-from .rows import lane
+from .rows import member
 from .shells import Shells
 
 
 def pictures(shells: Shells, fingers: Fingers) -> Iterator[tuple[str, str, Any]]:
     """(name, caption, figure) of each."""
-    yield "figure_5_1", "Figure 5.1: free inflation, 15 kPa.", plots.draw(lane(shells.free["figure"], 0))
-    yield "figure_5_2", "Figure 5.2: a plane at 5 mm, 15 kPa.", plots.draw(lane(shells.flat["figure"], 0))
-    yield "figure_5_3", "Figure 5.3: a cylinder at 5 mm, 15 kPa.", plots.draw(lane(shells.cylinder["figure"], 0))
-    yield "figure_5_4", "Figure 5.4: the grasp of the cylinder of 137 g at 5 mm.", plots.draw(lane(shells.held, 0))
-    yield "figure_5_5", "Figure 5.5: type A in free space, 31 kPa.", plots.draw(lane(fingers.free["A"], AT_31))
-    yield "figure_5_6", "Figure 5.6: type A, tip held, 31 kPa.", plots.draw(lane(fingers.blocked["A 0"], AT_31))
+    yield "figure_5_1", "Figure 5.1: free inflation, 15 kPa.", plots.draw(member(shells.free["figure"], 0))
+    yield "figure_5_2", "Figure 5.2: a plane at 5 mm, 15 kPa.", plots.draw(member(shells.flat["figure"], 0))
+    yield "figure_5_3", "Figure 5.3: a cylinder at 5 mm, 15 kPa.", plots.draw(member(shells.cylinder["figure"], 0))
+    yield "figure_5_4", "Figure 5.4: the grasp of the cylinder of 137 g at 5 mm.", plots.draw(member(shells.held, 0))
+    yield "figure_5_5", "Figure 5.5: type A in free space, 31 kPa.", plots.draw(member(fingers.free["A"], AT_31))
+    yield "figure_5_6", "Figure 5.6: type A, tip held, 31 kPa.", plots.draw(member(fingers.blocked["A 0"], AT_31))
     yield (
         "figure_5_7",
         "Figure 5.7: three fingers of type A around the cylinder of 26 g.",
-        plots.draw(lane(fingers.held, 0)),
+        plots.draw(member(fingers.held, 0)),
     )
     yield (
         "shell_curves",

@@ -103,6 +103,6 @@ class Batch:
         return {name: jax.tree.map(lambda x, g=group: x[g], found) for name, group in self._groups.items()}
 
 
-def lane(solution: Solution, k: int) -> Solution:
-    """One of a batch."""
+def member(solution: Solution, k: int) -> Solution:
+    """Solution k of a batch."""
     return jax.tree.map(lambda x: x[k], solution)

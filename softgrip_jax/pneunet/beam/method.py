@@ -33,13 +33,22 @@ def _positive(where: str, value: Any) -> None:
 
 
 class Collocation(BeamMethod):
-    """Curvatures at Gauss points are the unknowns, and the section law holds at each of them; the default.
+    """The beam's curvatures at Gauss points are the unknowns, and the section law holds at each of them.
 
-    Nothing grows along the beam, whatever pulls at it, and errors fall geometrically with the number of points (de Boor
-    and Swartz 1973): 16 leave 1e-11 of the tip force of the thesis's finger, 8 leave 2e-7.
+    It is the default. Nothing grows along the beam, whatever pulls at it, and errors fall geometrically with the number
+    of points: 16 leave 1e-11 of the tip force of the thesis's finger, 8 leave 2e-7.
 
     Args:
-        points: Gauss points along the beam, at least 3 in each of several parts.
+        points: Gauss points along the beam, dimensionless, at least 3 in each of several parts.
+
+    Raises:
+        InputError: where points is not a whole number, 1 or more.
+
+    Source: de Boor and Swartz 1973.
+
+    Examples:
+        >>> sg.pneunet.Collocation(points=8)
+        Collocation(points=8)
     """
 
     points: int = eqx.field(static=True, default=POINTS)
@@ -55,12 +64,12 @@ def _dopri8() -> Any:
 
 
 class Shooting(BeamMethod):
-    """The tip force and the clamp's curvature (which stands for its moment) are the unknowns: the beam is integrated
-    from the clamp to the tip by diffrax, where it must arrive without a moment and at the right place.
+    """The beam is integrated from the clamp to the tip, where it must arrive without a moment and at the right place.
 
-    What is integrated is (theta, L theta', lambda, x, y): with the section's own rates (`SectionLaw.rates`) nothing is
-    solved for on the way. Derivatives of any order, forward and in reverse: the steps that were accepted are gone
-    through once more as plain arithmetic (`numerics.shooting.replay`), and the implicit rule is applied to that.
+    The unknowns are the tip force and the clamp's curvature, which stands for its moment. What diffrax integrates is
+    (theta, L theta', lambda, x, y): with the section's own rates (`SectionLaw.rates`) nothing is solved for on the way.
+    Derivatives are of any order, forward and in reverse: the accepted steps are gone through once more as plain
+    arithmetic (`numerics.shooting.replay`), and the implicit rule is applied to that.
 
     A finger under a tension P multiplies what rounding leaves at the clamp by e^sqrt(P L^2 / EI) on the way to the tip;
     several segments each have that of their own length only. More are taken where loads that are known numbers ask for
@@ -68,8 +77,9 @@ class Shooting(BeamMethod):
 
     Args:
         solver: an explicit Runge-Kutta method of diffrax, such as diffrax.Dopri8() or diffrax.Tsit5().
-        rtol, atol: tolerances of the adaptive steps; atol, of angles (rad), curvatures and places over L, is rtol
-            unless it is given.
+        rtol: relative tolerance of the adaptive steps, dimensionless, between 0 and 1.
+        atol: absolute one, of angles (rad) and of curvatures and positions over L (dimensionless); rtol unless it is
+            given.
         segments: pieces of the beam that are integrated on their own (multiple shooting); angles and curvatures at the
             joints are unknowns, too.
         steps: so many equal steps in each segment in place of adaptive ones. NOT_CONVERGED where the method's own error
@@ -77,6 +87,15 @@ class Shooting(BeamMethod):
         max_steps: adaptive steps in each segment, at most, those that are taken again included. A state that needs more
             is NOT_CONVERGED; the derivatives' time grows with this number.
         points: Gauss points where the shape is looked at, for the rules of the scene and for pictures.
+
+    Raises:
+        InputError: where a number is out of its range, or solver is not an explicit Runge-Kutta method of diffrax.
+
+    Source: Keller 1968 for multiple shooting; Kidger 2021 for diffrax.
+
+    Examples:
+        >>> sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), beam=sg.pneunet.Shooting(rtol=1e-6)).beam.rtol
+        1e-06
     """
 
     solver: diffrax.AbstractERK = eqx.field(static=True, default_factory=_dopri8)

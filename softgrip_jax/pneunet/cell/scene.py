@@ -19,24 +19,36 @@ Scalar = Float[Array, ""]
 
 
 class Cell(CurveScene):
-    """A segment of a uniformly bent finger: chamber, walls, rims and cover together, see `law`.
+    """One segment of a uniformly bent finger: chamber, walls, rims and cover together.
 
-    It is the thing that three-dimensional finite elements of half a segment compute: the plane in the middle of the gap
-    turns with the curvature, the neighbour's wall presses on this one there, and the cover bends and stretches.
-
-    moment is M_ext, N m: the external moment about the cover's mid-height that the segment needs, positive in the
-    bending direction. Without curvature it is minus the moment that the chambers give a straight finger; where it is
-    zero the finger bends freely. contact_force: of one wall on the next, N. lever_arm: its distance from the cover's
-    mid-height, m, of no meaning where nothing touches. stretch: of the cover's mid-height.
-
-    Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 % of finite elements' blocked moment
-    from 5 to 31 kPa; where rims are about to meet it is worse: see docs/theory/cell.md. BEYOND_LIMIT above
-    p = 0.24 mu.
+    With a potential Psi(kappa, lambda; p) per length of the cover, M_ext = dPsi/dkappa and N = dPsi/dlambda. It is what
+    three-dimensional finite elements of half a segment compute: the plane in the middle of the gap turns with the
+    curvature, the neighbour's wall presses on this one there, and the cover bends and stretches.
 
     Args:
         finger: a uniform finger (or one segment of a nonuniform one).
         curvature: kappa, 1/m per reference length; negative where the finger is bent backwards.
         axial_force: N on the whole segment, at the cover's mid-height, N.
+
+    Observables:
+        - moment: M_ext, N m, positive in the bending direction: the external moment that the segment needs. Without
+            curvature it is minus the moment that the chambers give a straight finger; where it is zero the finger bends
+            freely.
+        - contact_force: of one wall on the next, N.
+        - lever_arm: its distance from the cover's mid-height, m, of no meaning where nothing touches.
+        - stretch: of the cover's mid-height, dimensionless.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: own; docs/theory/cell.md. Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
+    of finite elements' blocked moment from 5 to 31 kPa; it is worse where rims are about to meet. BEYOND_LIMIT above p
+    = 0.24 mu.
+
+    Examples:
+        >>> blocked = sg.solve(sg.pneunet.Cell(sg.PneuNet.table_5_1("A")), 15 * kPa)
+        >>> bool(blocked.moment < 0)  # it pushes in the bending direction
+        True
     """
 
     finger: PneuNet = part(PneuNet)

@@ -14,7 +14,7 @@ from .base import Scalar, SectionLaw
 SERIES_BELOW = 0.16
 """Below this w = u^2 the series of `bending_factor` is used; above, its closed form loses less than 1e-14."""
 SERIES_TERMS = 20
-"""0.16^20 = 1e-16."""
+"""So many terms leave 0.16^20 = 1e-16."""
 
 
 def bending_factor(w: Scalar, rest: Scalar) -> Scalar:
@@ -153,9 +153,9 @@ def _exact_bent_jvp(primals, tangents):
 
 
 BENT_STEPS = 4
-"""From a start that is good to 1e-2 for |n| < 0.3."""
+"""So many Newton steps are enough from a start that is good to 1e-2 for |n| < 0.3."""
 FALLING_STEPS = 100
-"""Far above the root each takes a fifth off."""
+"""Far above the root each step takes off a fifth."""
 NEWTON_STEPS = 3
 """The start is good to 2e-3 for |m| < 0.3, |n| < 0.1, and Newton squares that: 4e-6, 2e-11, last bit."""
 CONVERGED = 1e-7
@@ -188,7 +188,7 @@ def _exact_stretch(m, n):
         r2, _, eta2, _ = _squares(stretch, m, n)
         return jnp.where(stretch**3 * (stretch - n) > 1, r2 - eta2, -1.0)
 
-    # An empty bracket costs no iteration: none at all, also under vmap, where every lane is done.
+    # An empty bracket costs no iteration: none at all, also under vmap, where every member of the batch is done.
     low = jnp.maximum(n, 0.0)
     careful = bracketed_root(mismatch, low, jnp.where(done, low, low + LARGEST_STRETCH)).x
     return jnp.where(done, stretch, careful)
@@ -228,7 +228,7 @@ def _start(m, n):
 
 
 QUARTIC_STEPS = 6
-"""From the bounds below to the last bit for any n: the worst start is 1.3 times the root."""
+"""So many steps lead from the bounds below to the last bit for any n: the worst start is 1.3 times the root."""
 
 
 def axial_stretch(n: Scalar) -> Scalar:

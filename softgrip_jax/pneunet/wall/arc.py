@@ -27,24 +27,42 @@ Scalar = Float[Array, ""]
 START = 1e-3
 """The search for the wall's angle starts at this part of the angle of first contact: the wall is flat there."""
 LEAST_ANGLE = 1e-6
-"""... but not at zero, for chambers without a gap: at this angle the pressure is 1e-18 mu t_m / a."""
+"""The search does not start at zero, for chambers without a gap: at this angle the pressure is 1e-18 mu t_m / a."""
 
 
 class Chamber(CurveScene):
-    """Finite-strain walls in inclined contact (4.7)-(4.39). The curve's angle is theta_m2.
+    """Two finite-strain chamber walls in inclined contact.
 
-    p from (4.30) for any strain energy; F_p = p A_c (4.35), (4.36); e_y = (H/2 + a - rho*) cos theta_s (4.38);
-    M_T = F_p e_y sqrt(2 h_x / (2 h_x + h_L)) (4.37), (4.39). Contact begins where c_1 + c_2 = 0; the model ends at
-    theta_m2 = pi.
+    The unknown is the exterior clamp angle theta_m2. p = 2 T(lambda) / R from (4.30) for any strain energy; F_p = p A_c
+    (4.35), (4.36); e_y = (H/2 + a - rho*) cos theta_s (4.38); M_T = F_p e_y sqrt(2 h_x / (2 h_x + h_L)) (4.37), (4.39).
+    Contact begins where c_1 + c_2 = 0; the model ends at theta_m2 = pi.
 
-    The thesis has walls that open towards the outside, theta_s >= 0. Where they close (a finger bent backwards,
-    theta_s < 0) the same wall is seen from its other edge: at the distance h_x + 2 a sin(theta_s), inclined by
-    -theta_s, touching first at -rho*. That is continuous, with a kink at theta_s = 0, where derivatives are those of
-    the opening side. IMPOSSIBLE where the outer edges would overlap.
+    The thesis has walls that open towards the outside, theta_s >= 0. Where they close (a finger bent backwards, theta_s
+    < 0) the same wall is seen from its other edge: at the distance h_x + 2 a sin(theta_s), inclined by -theta_s,
+    touching first at -rho*. That is continuous, with a kink at theta_s = 0, where derivatives are those of the opening
+    side. IMPOSSIBLE where the outer edges would overlap.
 
     Args:
         finger: a uniform finger (or one segment of a nonuniform one).
         inclination: theta_s, half the angle between the two walls, rad.
+
+    Observables:
+        - force: F_p of one wall on the next, N, zero before contact.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - lever_arm: e_y, m.
+        - contact_width, contact_length: axes c_y and c_z of the elliptical contact, m.
+        - stretch: lambda, dimensionless.
+        - clamp_angle: theta_m2, rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 4.3, (4.7) to (4.39); theta_s < 0 is own. Against finite elements the force is 40 % low.
+
+    Examples:
+        >>> wall = sg.solve(sg.pneunet.Chamber(sg.PneuNet.table_5_1("A"), inclination=0.0), 31 * kPa)
+        >>> print(f"{wall.force:.5f} N, {wall.end_moment / N_mm:.5f} N mm")
+        1.44419 N, 5.93261 N mm
     """
 
     finger: PneuNet = part(PneuNet)

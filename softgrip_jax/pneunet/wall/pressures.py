@@ -23,7 +23,7 @@ from .arc import LEAST_ANGLE, Chamber, Scalar, within
 from .small_strain import SmallStrainChamber
 
 NO_PRESSURE = 1e-15
-"""Of the largest pressure: a wall under less is flat."""
+"""A wall under less than this part of the largest pressure counts as flat."""
 SLOWER = 0.08
 """With this the cubic law is good to 1 % of the angle up to one radian."""
 
@@ -35,16 +35,32 @@ def chamber(
     model: str = "finite",
     ignored_rules: tuple[str, ...] = (),
 ) -> Solution:
-    """The contact of two chambers at a pressure (Pa) and an inclination theta_s (rad).
+    """The contact of two chambers of a finger at a pressure.
 
-    model: "finite", see `Chamber`; "small", see `SmallStrainChamber` (without inclination). For a nonuniform finger
-    the Solution is a batch, one lane per segment (inclination: one for all, or one per segment). ignored_rules: as in
-    every scene.
+    Args:
+        finger: the actuator.
+        pressure: gauge pressure, Pa, a scalar.
+        inclination: theta_s, rad; of a nonuniform finger one for all, or shape (n,).
+        model: "finite", see `Chamber`; "small", see `SmallStrainChamber` (without inclination).
+        ignored_rules: names of rules that may be broken, as in every scene.
+
+    Returns:
+        The `Solution`; of a nonuniform finger a batch with one member per segment.
+
+    Raises:
+        InputError: for another model, and for an inclination with model "small".
+
+    Source: thesis 4.2 and 4.3.
+
+    Examples:
+        >>> wall = sg.pneunet.chamber(sg.PneuNet.table_5_1("A"), 31 * kPa, inclination=0.15)
+        >>> print(f"{wall.end_moment / N_mm:.5f} N mm")
+        0.99699 N mm
     """
     if model not in ("finite", "small"):
         raise InputError(f"model is {model!r}; it must be 'finite' or 'small'.")
     if model == "small" and not (is_concrete(to_float_array(inclination)) and jnp.all(inclination == 0)):
-        raise InputError("The small-strain chamber knows no inclination: it must be 0.")
+        raise InputError("The inclination is not 0; walls of small strain cannot incline.")
 
     def one(finger, inclination):
         if model == "small":
@@ -62,17 +78,54 @@ def chamber(
 
 
 def contact_pressure(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
-    """The pressure (Pa) at which two chambers begin to press on each other: c_1 + c_2 = 0. Differentiable.
+    """The pressure at which two chambers begin to press on each other.
 
-    At theta_s = 0 this is where the freely inflated wall reaches the plane, (4.15), (4.16). Inclined, the two differ:
-    the free arc (4.18) touches a little earlier (type A: by 7 % at 0.02 rad, 16 % at 0.15), because (4.28) measures
-    the stretch of the exterior part alone.
+    It is where c_1 + c_2 = 0. At theta_s = 0 that is where the freely inflated wall reaches the plane, (4.15), (4.16).
+    Inclined, the two differ: the free arc (4.18) touches a little earlier (type A: by 7 % at 0.02 rad, 16 % at 0.15),
+    because (4.28) measures the stretch of the exterior part alone.
+
+    Args:
+        finger: a uniform finger.
+        inclination: theta_s, rad.
+
+    Returns:
+        The pressure, Pa, differentiable.
+
+    Raises:
+        InputError: where the finger cannot be meant (outside of jit).
+
+    Source: thesis 4.3.
+
+    Examples:
+        >>> finger = sg.PneuNet.table_5_1("A")
+        >>> at_contact = sg.pneunet.chamber(finger, sg.pneunet.contact_pressure(finger) * 1.001)
+        >>> bool(0 < at_contact.force < 1e-3)
+        True
     """
     return scene_contact_pressure(Chamber(finger, inclination))
 
 
 def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
-    """The pressure (Pa) at which the model of a neo-Hookean wall ends, theta_m2 = pi; see also `limit_pressure`."""
+    """The pressure at which the model of a neo-Hookean wall ends, theta_m2 = pi.
+
+    Args:
+        finger: a uniform finger.
+        inclination: theta_s, rad.
+
+    Returns:
+        The pressure, Pa, differentiable; see also `sg.limit_pressure`.
+
+    Raises:
+        InputError: where the finger cannot be meant (outside of jit).
+
+    Source: thesis 4.3.
+
+    Examples:
+        >>> finger = sg.PneuNet.table_5_1("A")
+        >>> limit = sg.limit_pressure(sg.pneunet.Chamber(finger, inclination=0.0))
+        >>> bool(jnp.isclose(sg.pneunet.wall_limit(finger), limit))
+        True
+    """
     scene = within(finger, inclination)
     return limit_pressure(scene)
 

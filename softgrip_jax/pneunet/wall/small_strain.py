@@ -16,13 +16,32 @@ from .arc import Scalar, gap_share, one_chamber
 
 
 class SmallStrainChamber(CurveScene):
-    """Infinitesimal-strain chambers, (4.1)-(4.6): the cheap rung. The curve's angle is atan(delta / a).
+    """Two chamber walls in contact, as plates of small strain.
 
-    p = C E t_m delta^3 / a^4 (2.1), that is (4.3) with the exponent 1/3; F_p = 3 pi a^2 delta p / (4 (delta + h_x))
-    (4.5); e_y = H/2 + a. C from `membrane.plate_coefficient`, E = 3 mu. It knows no inclination and no limit. As for
-    finite strain, M_T is the moment of the gap spread over the segment, F_p e_y sqrt(2 h_x / (2 h_x + h_L)); (4.6) as
+    The unknown is the angle atan(delta / a). p = C E t_m delta^3 / a^4 (2.1), that is (4.3) with the exponent 1/3; F_p
+    = 3 pi a^2 delta p / (4 (delta + h_x)) (4.5); e_y = H/2 + a; C from `membrane.plate_coefficient`, E = 3 mu. As for
+    finite strain M_T is the moment of the gap spread over the segment, F_p e_y sqrt(2 h_x / (2 h_x + h_L)); (4.6) as
     printed is force * lever_arm. Contact begins at delta = h_x, where F_p steps up from zero: the thesis assumes that
     all chambers touch.
+
+    Args:
+        finger: a uniform finger (or one segment of a nonuniform one).
+
+    Observables:
+        - force: F_p of one wall on the next, N, zero before contact.
+        - end_moment: M_T, N m, positive in the bending direction.
+        - lever_arm: e_y, m.
+        - inflation: delta, m.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 4.2, (4.1) to (4.6). It knows no inclination and no limit.
+
+    Examples:
+        >>> wall = sg.solve(sg.pneunet.SmallStrainChamber(sg.PneuNet.table_5_1("A")), 15 * kPa)
+        >>> print(f"{wall.lever_arm / mm:.2f} mm")  # H/2 + a
+        7.50 mm
     """
 
     finger: PneuNet = part(PneuNet)

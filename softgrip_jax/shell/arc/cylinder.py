@@ -37,15 +37,39 @@ class CylinderState(NamedTuple):
 
 
 class CylinderContact(ShellScene):
-    """Symmetric contact with a rigid frictionless cylinder (thesis 3.4.1-3.4.3). The angle is theta_c.
+    """The membrane in symmetric contact with a rigid frictionless cylinder that lies across its length.
 
-    radius: r of the cylinder, m; gap: d - r, its distance from the membrane, m.
+    The unknown is the contact angle theta_c. With R = a / sin(theta_m) (3.18), (3.16) is a quadratic in tan(theta_m /
+    2); then e from (3.15), lambda_2 (3.14), lambda_1 (3.19), kappa_2 (3.30) and p (2.4). The half width c_a of the
+    contact follows from one more scalar root: (3.27) with (3.20), (3.21) is (3.11) with d replaced by the gap and with
+    the stretch (3.22) of the contact's edge, an arc of tan(theta_me / 2) = (gap + r (1 - cos theta_c)) / a, (3.26).
 
-    Given theta_c, (3.16) with R = a / sin(theta_m) (3.18) is a quadratic in tan(theta_m / 2); then e from (3.15),
-    lambda_2 (3.14), lambda_1 (3.19), kappa_2 (3.30), p (2.4). The half width c_a of the contact follows from one more
-    scalar root: (3.27) with (3.20), (3.21) is (3.11) with d := gap and the stretch (3.22) of the contact's edge, an arc
-    of tan(theta_me / 2) = (gap + r (1 - cos theta_c)) / a, (3.26). Elliptical area (3.28); force p A_c along the
-    normal, force_z its projection (3.29). The model ends where e = 0 or c_a = a, whichever comes first.
+    Args:
+        shell: the actuator, longer than wide (b > a).
+        radius: r of the cylinder, m.
+        gap: d - r, its distance from the membrane, m.
+        model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
+
+    Observables:
+        - force: p A_c along the normal, N, zero before contact.
+        - force_z: its projection on the axis of inflation (3.29), N.
+        - contact_angle: theta_c, rad.
+        - flat_length: e, the straight length on one side, m.
+        - contact_area: A_c of the ellipse (3.28), m^2.
+        - contact_half_width, contact_half_length: c_a and c_b, m.
+        - stretch: lambda_1, dimensionless.
+        - clamp_angle: theta_m, rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 3.4.1 to 3.4.3. The model ends where e = 0 or c_a = a, whichever comes first.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> contact = sg.solve(sg.shell.CylinderContact(shell, radius=20 * mm, gap=5 * mm), 15 * kPa)
+        >>> print(f"{contact.force_z:.5f} N, {contact.contact_angle:.5f} rad, {contact.flat_length / mm:.5f} mm")
+        5.75451 N, 0.59433 rad, 6.30491 mm
     """
 
     radius: Scalar = positive("length")
@@ -161,12 +185,31 @@ class CylinderContact(ShellScene):
 
 
 class AxialOffset(CylinderContact):
-    """Contact with a cylinder whose axis is at `height` h (m) from one end of the membrane (thesis 3.4.4).
+    """The membrane in contact with a cylinder whose axis is nearer to one of its ends.
 
-    h = b is the symmetric state. Adding (3.32) and (3.33), e_1 + e_2 = 2 e of (3.15), so (3.31) is (3.14); with kappa_2
-    (3.30) from the mean straight length (the thesis does not say which) the pressure does not depend on h: only e_1
-    and e_2 do. The grasp is stable while e_2 >= 0, so the model ends where e_1 or e_2 is used up; an offset with
-    e_2 < 0 from the start is IMPOSSIBLE.
+    Adding (3.32) and (3.33) gives e_1 + e_2 = 2 e of (3.15), so (3.31) is (3.14). With kappa_2 (3.30) from the mean
+    straight length (the thesis does not say which) the pressure does not depend on h; only e_1 and e_2 do. The grasp is
+    stable while e_2 >= 0, so the model ends where e_1 or e_2 is used up. An offset with e_2 < 0 from the start is
+    IMPOSSIBLE.
+
+    Args:
+        shell, radius, gap, model: as in CylinderContact.
+        height: h, from one end of the membrane to the axis of the cylinder, m; b is the symmetric state.
+
+    Observables:
+        - flat_length_far, flat_length_near: e_1 and e_2, m. The others are those of `CylinderContact`.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 3.4.4.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> offset = sg.shell.AxialOffset(shell, radius=20 * mm, gap=5 * mm, height=40 * mm)
+        >>> far, near = offset.flat_lengths(offset.state(jnp.asarray(0.594327)))  # theta_c at 15 kPa
+        >>> print(f"{far / mm:.3f} mm + {near / mm:.3f} mm")  # twice e of the symmetric state, 6.305 mm
+        9.305 mm + 3.305 mm
     """
 
     height: Scalar = positive("length")

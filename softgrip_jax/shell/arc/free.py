@@ -1,4 +1,4 @@
-"""Free inflation of the shell: the finite-strain arc model, and the infinitesimal plate law as the cheap rung."""
+"""Free inflation of the shell: the finite-strain arc model, and the plate law of small deflections."""
 
 from __future__ import annotations
 
@@ -16,15 +16,36 @@ FREE_END = jnp.pi * (1 - 1e-9)
 
 
 LARGEST_INFLATION = 10.0
-"""Half widths: as large as a branch is drawn, several times the actuator. A membrane that does not stiffen would go on
-for ever at almost no pressure, and one that stiffens late at almost the same pressure."""
+"""A branch is drawn up to this inflation, in half widths. A membrane that does not stiffen would go on for ever at
+almost no pressure, and one that stiffens late would go on at almost the same pressure."""
 
 
 class Free(ShellScene):
-    """The membrane inflates into free space (thesis 3.2). The angle is theta_m.
+    """The membrane inflates into free space.
 
-    kappa_1 = sin(theta)/a (3.4), kappa_2 = theta / (R theta + b - a) (3.3), lambda_1 = theta / sin(theta) (3.5),
-    lambda_2 from (3.1), p from (3.7), inflation delta = a tan(theta/2) (3.6).
+    The unknown is the clamp angle theta_m: kappa_1 = sin(theta_m) / a (3.4), kappa_2 = theta_m / (R theta_m + b - a)
+    (3.3), lambda_1 = theta_m / sin(theta_m) (3.5), lambda_2 from (3.1), p = T_1 kappa_1 + T_2 kappa_2 (3.7), and the
+    inflation is delta = a tan(theta_m / 2) (3.6).
+
+    Args:
+        shell: the actuator.
+        model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
+
+    Observables:
+        - inflation: height delta of the middle, m.
+        - stretch, length_stretch: lambda_1 and lambda_2, dimensionless.
+        - clamp_angle: theta_m, rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 3.2. It ends at a limit point for materials that do not stiffen. Against finite elements the
+    inflation is 13 to 15 % low; see docs/limits.md.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> print(f"{sg.solve(sg.shell.Free(shell), 15 * kPa).inflation / mm:.4f} mm")
+        13.4067 mm
     """
 
     OBSERVABLES: ClassVar = {
@@ -101,9 +122,29 @@ def two_sections(width, length, heading, n):
 
 
 class Plate(Free):
-    """The small-deflection membrane law (2.1), p = C E t_m delta^3 / a^4: the cheap rung of Free.
+    """The membrane in free space by the law of small deflections.
 
-    E = 3 mu (incompressible, nu = 1/2); C(a/b) from `plate_coefficient`. No limit point. Holds for delta << a.
+    p = C E t_m delta^3 / a^4 (2.1) with E = 3 mu (incompressible, Poisson's ratio 1/2) and C(a/b) from
+    `plate_coefficient`. It is the simplest model of `Free`, holds for delta much smaller than a, and has no limit
+    point.
+
+    Args:
+        shell: the actuator.
+        model: "arc"; there is no other one here.
+
+    Observables:
+        - inflation: height delta of the middle, m.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 2.1.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> low, high = (sg.solve(sg.shell.Plate(shell), p * kPa).inflation for p in (1, 8))
+        >>> print(f"{high / low:.3f}")  # eight times the pressure, twice the inflation
+        2.000
     """
 
     OBSERVABLES: ClassVar = {"inflation": "length"}

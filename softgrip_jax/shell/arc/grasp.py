@@ -30,11 +30,26 @@ HOLDING = {"required_force": "force", "tilt_resistance": "moment", "security": "
 
 
 def tilt_moment(c_a: Scalar, c_b: Scalar, shear: Scalar, lever: str = "exact") -> Scalar:
-    """T_R: moment about its centre of a uniform shear traction (Pa) on an ellipse of half axes c_a, c_b (m), N m.
+    """The moment about its centre of a uniform shear traction on an elliptical contact.
 
-    "exact": the lever arm is the distance of each point, T_R = shear * integral of r dA
-             = shear (4/3) c_a c_b int_0^{pi/2} sqrt(c_a^2 cos^2 + c_b^2 sin^2) dphi   (2 pi c^3 / 3 for a circle).
-    "rim":   the thesis's (3.40), lever arm taken at the rim at the same y: too large (pi c^3 for a circle).
+    With lever "exact" the lever arm is the distance of each point, T_R = shear * integral of r dA = shear (4/3) c_a c_b
+    int_0^{pi/2} sqrt(c_a^2 cos^2 + c_b^2 sin^2) dphi, which is 2 pi c^3 shear / 3 for a circle. With "rim" it is taken
+    at the rim at the same y, as the thesis does, which is too large (pi c^3 shear for a circle).
+
+    Args:
+        c_a, c_b: half axes of the ellipse, m, zero or more.
+        shear: traction, Pa; friction times the contact pressure.
+        lever: "exact", or "rim" for the thesis's formula.
+
+    Returns:
+        T_R, N m.
+
+    Source: thesis (3.36) to (3.40) for "rim", own for "exact".
+
+    Examples:
+        >>> circle = sg.shell.tilt_moment(jnp.asarray(10 * mm), jnp.asarray(10 * mm), jnp.asarray(1 * kPa))
+        >>> print(f"{circle:.6e} N m, {2 / 3 * np.pi * (10 * mm) ** 3 * kPa:.6e} N m")
+        2.094395e-03 N m, 2.094395e-03 N m
     """
     exists = (c_a > 0) & (c_b > 0)
     a, b = jnp.where(exists, c_a, 1.0), jnp.where(exists, c_b, 1.0)
@@ -70,20 +85,38 @@ def _rim_lengths(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
 
 
 class Grasp(CylinderContact):
-    """A cylinder held by `fingers` shells at the least height h, where e_2 = 0 (thesis 3.4.4, algorithm 4).
+    """A parallel gripper of flat shells holds a cylinder at the least height h, where e_2 = 0.
+
+    Friction must carry the weight, mu_f F_ext = m g / fingers (6.2), and resist tilting by an eccentric mass, T_R
+    (3.36) against m g x_e (3.41).
 
     Args:
         shell, radius, gap: as in CylinderContact.
+        model: "arc", or "energy" for the energy membrane with the cylinder in its middle, see `EnergyGrasp`.
         mass: of the cylinder, kg; 0 where only the state at a pressure or a force is asked for.
-        friction: mu_f, a number, or a function of the normal force (N).
+        friction: mu_f, dimensionless, a number or a function of the normal force (N).
         eccentricity: x_e, m: distance of the centre of mass from the middle of the contact, across the width.
         lever: "exact", or "rim" for the thesis's formula (3.40).
         fingers: shells that share the weight (2 in a parallel gripper).
 
-    required_force is F_ext of (6.2), mu_f F_ext = m g / fingers. tilt_resistance is T_R of (3.36), to be compared
-    with m g x_e (3.41). security is the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e): 1 is just held.
+    Observables:
+        - height: h of the cylinder's axis above the end of the membrane, m.
+        - required_force: F_ext, the least normal force that lifts, N; inf where no force does.
+        - tilt_resistance: T_R, N m.
+        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. The
+            others are those of `CylinderContact`.
 
-    With model="energy" the cylinder is in the middle of the membrane: see `EnergyGrasp`.
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 3.4.4, algorithm 4, 6.2.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> grasp = sg.shell.Grasp(shell, radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
+        >>> held = sg.solve(grasp, 10.9 * kPa)  # thesis table 6.1: just held, h = 33.7 mm
+        >>> print(f"security {held.security:.2f}, h = {held.height / mm:.1f} mm")
+        security 1.00, h = 33.7 mm
     """
 
     mass: Scalar = nonnegative("mass", default=0.0)
@@ -180,5 +213,19 @@ def _ratio(value: Scalar, need: Scalar) -> Scalar:
 
 
 def smallest_object(shell: FlatShell) -> Scalar:
-    """The least height of an object that the shell can hold, m: a, the reach of its spherical ends (thesis 3.4.4)."""
+    """The least height of an object that the shell can hold: a, the reach of its spherical ends.
+
+    Args:
+        shell: the actuator.
+
+    Returns:
+        The height, m.
+
+    Source: thesis 3.4.4.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> print(f"{sg.shell.smallest_object(shell) / mm:.0f} mm")
+        16 mm
+    """
     return shell.a

@@ -19,10 +19,32 @@ from .free import FreeSquare
 
 
 class InclinedContact(ShellScene):
-    """Contact with a plane inclined by `angle` theta_s (rad, 0 to pi/2), at `distance` d (m) from the membrane's edge.
+    """The square membrane in contact with an inclined plane.
 
-    Thesis 4.3.3 and appendix B, for a square membrane (a = b); the curve's angle is theta_m2, p from (4.30), the
-    elliptical contact area from (B.1), (B.2), force p A_c (B.3). Contact begins where c_1 + c_2 = 0.
+    The unknown is the exterior clamp angle theta_m2, and p follows from (4.30). Contact begins where c_1 + c_2 = 0.
+
+    Args:
+        shell: the actuator; the equations are those of a square, a = b.
+        distance: d, from the nearer edge of the membrane to the plane, m.
+        angle: theta_s of the plane, rad, from zero to less than a right angle.
+        model: "arc" for these equations, "energy" for the energy membrane, which is nearer to finite elements.
+
+    Observables:
+        - force: p A_c (B.3), N, zero before contact.
+        - contact_area: A_c of the ellipse (B.1), (B.2), m^2.
+        - contact_width, contact_length: its axes c_1 + c_2 and c_z, m.
+        - stretch: lambda, dimensionless.
+        - clamp_angle: theta_m2, rad.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Source: thesis 4.3.3 and appendix B.
+
+    Examples:
+        >>> square = sg.FlatShell(a=7.5 * mm, b=7.5 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=111 * kPa))
+        >>> print(f"{sg.solve(sg.shell.InclinedContact(square, distance=5 * mm, angle=0.0), 41 * kPa).force:.4f} N")
+        0.7554 N
     """
 
     distance: Scalar = positive("length")

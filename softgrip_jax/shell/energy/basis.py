@@ -39,7 +39,7 @@ Values = tuple[Float[np.ndarray, "r q nu"], Float[np.ndarray, "r q nv"], Float[n
 """Of u, v, w: each derivative (ORDERS) of each polynomial at each point."""
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-"""Derivatives by (xi, eta) in the tables; the last three for bending only."""
+"""Derivatives by (xi, eta) that the tables hold; the last three are for bending only."""
 
 
 class Tables(NamedTuple):

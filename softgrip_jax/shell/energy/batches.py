@@ -1,9 +1,9 @@
-"""Batches of energy membranes: one lane after the other, each from a guess that the lanes before it give.
+"""Batches of energy membranes: the members are solved one after the other, each from a guess that those before it give.
 
-On a CPU a lane alone makes better use of matrix products than many side by side, and does not wait for others. What the
-lanes before have taught is a linear fit, by least squares, of coefficients and contact pressures over the numbers in
-which lanes differ. A guess decides what a lane costs, not what is found: where the minimum is not close to the guess
-(BESIDE), the lane is followed from the flat membrane as if it were alone.
+On a CPU one member alone makes better use of matrix products than many side by side, and does not wait for others. The
+guess is a linear fit, by least squares, of coefficients and contact pressures over the numbers in which members differ.
+It decides what a member costs and not what is found: where the minimum is not close to the guess (BESIDE), the member
+is followed from the flat membrane as if it were alone.
 """
 
 from __future__ import annotations
@@ -26,40 +26,40 @@ Numbers = Float[Array, " m"]
 BESIDE = 0.3
 """A minimum that is this close to its guess (coefficients, of order one) is on the same branch."""
 CLOSE = 0.2
-"""Lanes whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
+"""Members whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
 FAR = 3.0
-"""In standard deviations: beyond, a lane counts as here."""
+"""A number that is further from the mean, in standard deviations, counts as this far."""
 MOST = 24
-"""Numbers over which is fitted: beyond, a fit costs more than it saves."""
+"""The fit is over at most so many numbers: with more it costs more than it saves."""
 PRIOR = 0.01
-"""Weight, in lanes, of slopes being zero: few lanes determine no slopes."""
+"""Slopes of zero weigh as much as so many members: few members determine no slopes."""
 
 
 class _Known(NamedTuple):
-    """What the lanes before have taught."""
+    """Sums over the members that were solved before."""
 
-    lanes: Float[Array, "m m"]
-    """Sum over them of the products of their numbers, plus PRIOR."""
+    products: Float[Array, "m m"]
+    """Of the numbers of each member with each other, plus PRIOR."""
     found: Float[Array, "m k"]
-    """Sum of the products of numbers and unknowns."""
+    """Products of numbers and unknowns."""
     numbers: Numbers
-    """Of the last lane that was met,"""
+    """Of the last member that was met,"""
     last: Minimum
     """and its minimum; `reached` says whether there is one."""
 
 
-def one_after_other(find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, lanes: Any) -> Minimum:
-    """The minima of all lanes. `find`: (scene, load) -> that of one lane, from the flat membrane."""
+def one_after_other(find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, members: Any) -> Minimum:
+    """The minima of all members. `find`: (scene, load) -> that of one member, from the flat membrane."""
 
     def spread(leaf, batched):
         return leaf if batched else jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
 
-    lanes = jax.tree.map(spread, lanes, is_batched)
-    pairs = zip(jax.tree.leaves(lanes), jax.tree.leaves(is_batched), strict=True)
+    members = jax.tree.map(spread, members, is_batched)
+    pairs = zip(jax.tree.leaves(members), jax.tree.leaves(is_batched), strict=True)
     *varied, load = [leaf if batched else jnp.zeros((size, 0)) for leaf, batched in pairs]
     numbers = _numbers(load, varied, size)
     # In a batch of batches each has its own fit, and none is computed that is not needed.
-    return sequential_vmap(lambda numbers, lanes: _in_turn(find, numbers, lanes))(numbers, lanes)
+    return sequential_vmap(lambda numbers, members: _in_turn(find, numbers, members))(numbers, members)
 
 
 def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]:
@@ -73,9 +73,9 @@ def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]
     return jnp.concatenate([jnp.ones((size, 1)), usual, loads**2], axis=1)
 
 
-def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], lanes: Any) -> Minimum:
-    def next_lane(known: _Known, lane):
-        here, (scene, load) = lane
+def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], members: Any) -> Minimum:
+    def next_member(known: _Known, member):
+        here, (scene, load) = member
 
         def begin():
             return find(scene, load)
@@ -88,25 +88,25 @@ def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"
 
         met = lax.cond(known.last.reached, tried, begin)
         unknowns = jnp.concatenate([met.y, met.multipliers])
-        sums = known.lanes + jnp.outer(here, here), known.found + jnp.outer(here, unknowns)
-        taught = _Known(*sums, here, met)
-        return select(met.reached, taught, known), met
+        sums = known.products + jnp.outer(here, here), known.found + jnp.outer(here, unknowns)
+        more = _Known(*sums, here, met)
+        return select(met.reached, more, known), met
 
-    first = jax.tree.map(lambda leaf: leaf[0], lanes)
+    first = jax.tree.map(lambda leaf: leaf[0], members)
     shapes = jax.eval_shape(find, *first)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     count = numbers.shape[1]
     unknowns = nothing.y.size + nothing.multipliers.size
     begun = _Known(PRIOR * jnp.eye(count), jnp.zeros((count, unknowns)), jnp.zeros(count), nothing)
-    return lax.scan(next_lane, begun, (numbers, lanes))[1]
+    return lax.scan(next_member, begun, (numbers, members))[1]
 
 
 def _guess(known: _Known, here: Numbers, load: Scalar, scene: Any) -> Float[Array, " k"]:
-    """By the fit; from the last lane where that is close, along its tangent with the load."""
+    """By the fit; from the last member where that is close, along its tangent with the load."""
     last = jnp.concatenate([known.last.y, known.last.multipliers])
     tangent = last + (load - known.last.load) * jnp.concatenate(known.last.slope)
     close = jnp.max(jnp.abs(here - known.numbers)) < CLOSE
-    fitted = jnp.linalg.solve(known.lanes, here) @ known.found
+    fitted = jnp.linalg.solve(known.products, here) @ known.found
     guess = jnp.where(close, tangent, fitted)
     y, multipliers = scene.split(guess)
     return jnp.concatenate([y, jnp.maximum(multipliers, 0.0)])

@@ -34,9 +34,9 @@ Entries = dict[tuple[int, int, int, int], Array]
 """(i, r, j, s) -> at each point, the second derivative by derivative r of component i and s of j, i <= j."""
 
 LEAST_PRESSURE = 1e-3
-"""Added to p a / (mu t_m) in rho, which must not vanish with the pressure."""
+"""This is added to p a / (mu t_m) in rho, which must not vanish with the pressure."""
 RHO = 30.0
-"""rho a / p: decides how the contact is found, not what is found."""
+"""rho a / p. It decides how the contact is found and not what is found."""
 
 
 class Expanded(NamedTuple):

@@ -19,7 +19,7 @@ from .basis import Vector
 from .seek import FIRST_LOAD, LARGEST_LOAD
 
 BRANCH = 2.0
-"""Where a drawn branch ends: twice as far from the flat membrane as the limit point."""
+"""A drawn branch ends so many times as far from the flat membrane as the limit point."""
 REACH = 0.1
 """Largest step towards a limit point, in unknowns of order one."""
 CLOSE = 1e-5
@@ -41,12 +41,12 @@ def find_limit(scene: Any) -> Found:
     return _limit(scene)
 
 
-# One lane after the other, as lanes are found: see energy_scene.
+# The members of a batch are solved one after the other, as equilibria are: see `scene`.
 @sequential_vmap
 def _limit(scene: Any) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
-    climb = scene.follow(scene.rest(), zero, scene.first_guess(far), far)
+    climb = scene.follow(scene.unloaded_state(), zero, scene.first_guess(far), far)
     kept, scaled = jnp.concatenate([climb.y, climb.multipliers]), climb.load**3
     # Next to the limit this is the direction in which stiffness is lost.
     _, jacobian, by_load = _linear(scene)(kept, scaled)
@@ -64,13 +64,13 @@ def _limit(scene: Any) -> Found:
 def limit_pressure_from(scene: Any, found: Found) -> Scalar:
     """The limit pressure with its derivatives."""
     at_fold = (found.status == Status.OK) & (found.end == 1)
-    gated = stop_gradient_where_failed(at_fold, scene)
+    masked = stop_gradient_where_failed(at_fold, scene)
     scaled = jnp.where(at_fold, found.pressure / frozen(scene).unit(), 1.0)
 
     def equations(point, scene):
         return scene.functional.equations(point[:-1], scene, point[-1])
 
-    fold = fold_load(equations, jnp.append(found.unknowns, scaled), gated) * gated.unit()
+    fold = fold_load(equations, jnp.append(found.unknowns, scaled), masked) * masked.unit()
     return jnp.where(found.status == Status.OK, jnp.where(at_fold, fold, found.pressure), jnp.nan)
 
 
@@ -84,7 +84,7 @@ def branch(scene: Any, n: int) -> Solution:
     limit = fixed.find_limit()
     zero = jnp.zeros_like(limit.pressure)
     low = zero + FIRST_LOAD
-    begun = fixed.follow(fixed.rest(), zero, fixed.first_guess(low), low)
+    begun = fixed.follow(fixed.unloaded_state(), zero, fixed.first_guess(low), low)
     first = jnp.concatenate([begun.y, begun.multipliers])
     reach = jnp.where(limit.end == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
     length = (reach - jnp.linalg.norm(first)) / (n - 1)

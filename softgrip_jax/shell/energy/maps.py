@@ -13,9 +13,9 @@ from .basis import Grid, Vector, at_points, contact_axes
 from .sheet import local
 
 TINY = 1e-30
-"""Under a root whose derivative nobody asks for."""
+"""It keeps a square root away from zero whose derivative nobody asks for."""
 MEAN_OVER = 0.6
-"""Standard width of the weights, in mean distances between contact points: turns are evened out to a sixth."""
+"""Width of the weights, in mean distances between contact points: differences between neighbours fall to a sixth."""
 
 
 def _larger(trace: Array, determinant: Array) -> Array:

@@ -65,23 +65,42 @@ class Resting(NamedTuple):
 
 
 class ObstacleContact(EnergyScene):
-    """The membrane pressed against any rigid object, without friction.
+    """The energy membrane pressed against any rigid object, without friction.
 
-    obstacle: its signed distance, in the frame of `obstacles`. symmetry: mirror symmetry of the object, "across"
-    (x -> -x), "along" (y -> -y), "both" or "none"; each halves the unknowns. "auto" looks for it where the object's
-    numbers are known, and takes "none" where they are traced, so that derivatives by what breaks a symmetry are right.
-    One that is named is checked: it says that nothing is varied that breaks it. bending: with the bending stiffness of
-    the wall and clamped slopes, for thick walls (t_m / a above about 0.1). across, lengthwise: polynomials of the
-    height, of each parity; there are as many contact points.
+    The state minimises the integral of t_m W(C) dA minus p times the enclosed volume over a global polynomial basis of
+    the displacements; the object is its signed distance, kept zero or more at the contact points.
 
-    force is the sum of the contact pressures over the contact (N); force_x, force_y, force_z and moment_x, ... are
-    their resultant on the object and its moment about the middle of the flat membrane's outer face. friction_moment
-    (N m): contact pressure times distance from the middle of the contact, integrated; times the coefficient of friction
-    it is the moment that resists turning about z, which the thesis (3.40) takes from an ellipse of uniform pressure.
+    Args:
+        shell: the actuator.
+        obstacle: the object, by its signed distance in the frame of `sg.shell.obstacles`.
+        symmetry: mirror symmetry of the object, "across" (x -> -x), "along" (y -> -y), "both" or "none"; each halves
+            the unknowns. "auto" looks for it where the object's numbers are known, and takes "none" where they are
+            traced, so that derivatives by what breaks a symmetry are right. A symmetry that is named is checked.
+        bending: whether the wall has its bending stiffness and clamped slopes, for t_m / a above about 0.1.
+        across, lengthwise: polynomials of the height, of each parity; there are as many contact points.
 
-    contact_area: force over pressure, what an even pressure would need.
+    Observables:
+        - force: sum of the contact pressures over the contact, N.
+        - force_x, force_y, force_z: their resultant on the object, N.
+        - moment_x, moment_y, moment_z: its moment about the middle of the flat membrane's outer face, N m.
+        - friction_moment: contact pressure times distance from the middle of the contact, integrated, N m; times the
+            coefficient of friction it resists turning about z, which the thesis (3.40) takes from a uniform pressure.
+        - contact_area: force over pressure, what an even pressure would need, m^2.
+        - inflation: height of the middle, m.
+        - stretch, length_stretch, largest_stretch: in the middle across and along, and anywhere, dimensionless.
+        - clamp_angle: slope at the middle of the long edge, rad.
+        - wrinkled_share: part of the area in compression, dimensionless.
 
-    An object that breaks the named symmetry is a ValueError, and IMPOSSIBLE where its numbers are traced.
+    Raises:
+        InputError: where a field breaks its rule, or the object breaks the named symmetry (IMPOSSIBLE under jit).
+
+    Source: own; docs/theory/energy.md. Free inflation and forces on a plane are within 5 % of finite elements.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> ball = sg.shell.obstacles.Sphere(radius=20 * mm, gap=5 * mm)
+        >>> sg.shell.ObstacleContact(shell, ball).prepared().symmetry
+        'both'
     """
 
     obstacle: Obstacle = part(Obstacle)
@@ -204,7 +223,7 @@ comes nearest at an edge or a corner, as tilted planes and rods do, is met exact
 SYMMETRIC = 1e-9
 """Mirrored distances that differ by less than this, in a, are the same."""
 HEIGHTS = (0.0, 0.5, 1.0)
-"""In a: where an object is compared with its mirror image, over every contact point."""
+"""Heights over every contact point, in a, at which an object is compared with its mirror image."""
 _ACROSS, _ALONG = np.array([-1, 1, 1]), np.array([1, -1, 1])
 MIRRORS = {"across": (_ACROSS,), "along": (_ALONG,), "both": (_ACROSS, _ALONG)}
 """Symmetry -> what a place is multiplied by."""

@@ -23,7 +23,7 @@ from .basis import Grid, Vector
 from .functional import Functional, functional, rho
 
 LARGEST_STEP = 1.3
-"""Of the cube root of p a / (mu t_m), in proportion to which the membrane rises: about two thirds of the half width."""
+"""The largest step of the load, the cube root of p a / (mu t_m). The membrane rises by two thirds of the half width."""
 
 
 class EnergyScene(Scene):
@@ -64,7 +64,7 @@ class EnergyScene(Scene):
         """Coefficients and contact pressures."""
         return unknowns[: self.functional.size], unknowns[self.functional.size :]
 
-    def rest(self) -> Vector:
+    def unloaded_state(self) -> Vector:
         """The unknowns of the flat membrane."""
         count = self.functional.size + self.functional.contacts(self)
         return jnp.zeros_like(self.shell.a, shape=(count,))
@@ -80,7 +80,7 @@ class EnergyScene(Scene):
     def first_guess(self, load: Scalar) -> Vector:
         """A cap: what the small-deflection law (2.1) of a square gives, with the first polynomial of w alone."""
         height = self.functional.height_of_first()
-        return self.rest().at[sum(self.functional.sizes[:2])].set(load / (3 * 2.5) ** (1 / 3) / height)
+        return self.unloaded_state().at[sum(self.functional.sizes[:2])].set(load / (3 * 2.5) ** (1 / 3) / height)
 
     def _load(self, pressure: Scalar) -> tuple[Array, Scalar]:
         """Whether the scene can be at this pressure, and the load."""
@@ -102,7 +102,7 @@ class EnergyScene(Scene):
     def find_by(self, pressure: Scalar, largest: float) -> Found:
         """`find` by load steps of at most `largest`."""
         load = self._load(pressure)[1]
-        met = self.follow(self.rest(), jnp.zeros_like(load), self.first_guess(load), load, largest)
+        met = self.follow(self.unloaded_state(), jnp.zeros_like(load), self.first_guess(load), load, largest)
         return self._labelled(met, pressure)
 
     def find_from(
@@ -129,7 +129,7 @@ class EnergyScene(Scene):
 
         fixed = frozen(self)
         one = jnp.ones_like(pressures[0])
-        start = fixed.rest(), jnp.zeros_like(one), fixed.first_guess(one)
+        start = fixed.unloaded_state(), jnp.zeros_like(one), fixed.first_guess(one)
         _, found = lax.scan(next_one, start, lax.stop_gradient(pressures))
         return jax.vmap(lambda found, pressure: self._solution(found._replace(pressure=pressure)))(found, pressures)
 
@@ -185,17 +185,17 @@ class EnergyScene(Scene):
 @custom_vmap
 def _find(scene: EnergyScene, load: Scalar) -> Minimum:
     """The minimum at `load` on the branch that begins at the flat membrane."""
-    return scene.follow(scene.rest(), jnp.zeros_like(load), scene.first_guess(load), load)
+    return scene.follow(scene.unloaded_state(), jnp.zeros_like(load), scene.first_guess(load), load)
 
 
 @_find.def_vmap
-def _find_lanes(axis_size, is_batched, *lanes):
-    met = batches.one_after_other(_find, axis_size, tuple(is_batched), lanes)
+def _find_batch(axis_size, is_batched, *members):
+    met = batches.one_after_other(_find, axis_size, tuple(is_batched), members)
     return met, jax.tree.map(lambda _: True, met)
 
 
-# In a batch one lane is found after the other: on a CPU a lane alone makes better use of matrix products, and does not
-# wait for others.
+# The members of a batch are solved one after the other: on a CPU one alone makes better use of matrix products, and
+# does not wait for others.
 @sequential_vmap
 def _follow(
     scene: EnergyScene, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar

@@ -16,7 +16,7 @@ from ..flat_shell import Scalar
 from .basis import Vector
 
 LARGEST_LOAD = 4.0
-"""Cube root of the largest p a / (mu t_m) that is looked at, 64: three times beyond any measured shell."""
+"""Cube root of the largest p a / (mu t_m) that is looked at: 64 is three times more than any measured shell had."""
 FIRST_LOAD, GROWTH = 0.3, 1.5
 """The first cube root that is tried, and its growth until the wanted state is passed."""
 SEEK_STEPS, MEETS = 60, 2e-13
@@ -81,11 +81,11 @@ def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found
 
     def begun(last):
         return (
-            scene.rest(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
+            scene.unloaded_state(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
             zero + FIRST_LOAD, jnp.asarray(0), last, jnp.asarray(0),
         )  # fmt: skip
 
-    nothing = Found(scene.rest(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
+    nothing = Found(scene.unloaded_state(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
     shapes = jax.eval_shape(lambda last: step(begun(last))[9], nothing)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
