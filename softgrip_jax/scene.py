@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .errors import InputError
 from .fields import Checked, admissible, rule_names
-from .numerics.roots import implicit, with_derivatives_of
+from .numerics.implicit import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, mask, stop_gradient_where_failed
 

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..fields import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.choice import larger, largest
-from ..numerics.roots import bracketed_root
+from ..numerics.scalar_roots import bracketed_root
 from ..path_scene import asked_for
 from ..reasons import Reason
 from ..results import Status

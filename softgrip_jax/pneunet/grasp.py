@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 from ..errors import InputError
 from ..fields import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..numerics.choice import larger, smaller, smallest
-from ..numerics.paths import REACHED, follow
-from ..numerics.roots import implicit
+from ..numerics.continuation import REACHED, follow
+from ..numerics.implicit import implicit
 from ..objects.friction import friction_force, required_normal_force
 from ..objects.grasped import Object, Taper
 from ..questions import solve

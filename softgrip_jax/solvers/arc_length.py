@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 
 from ..errors import InputError
-from ..numerics.paths import FIRST_STEP, LARGEST_STEP, MAX_STEPS, TURN, Steps
+from ..numerics.continuation import FIRST_STEP, LARGEST_STEP, MAX_STEPS, TURN, Steps
 from ..scene import Solver
 
 
@@ -15,7 +15,7 @@ class ArcLength(Solver):
     """Follow the path from zero load to the pressure, through nothing that it cannot see; for scenes of several
     unknowns, the fingers, and what they use by themselves.
 
-    Predictor along the tangent, Newton's method across it, see `numerics.paths`: a limit point on the way is
+    Predictor along the tangent, Newton's method across it, see `numerics.continuation`: a limit point on the way is
     BEYOND_LIMIT, a bifurcation under the loads is IMPOSSIBLE. What is found is solved to rounding, whatever the steps:
     their length only decides how sure it is that no step goes from one branch to another.
 

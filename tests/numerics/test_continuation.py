@@ -11,20 +11,8 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.paths import (
-    BIFURCATION,
-    ENDED,
-    FINE,
-    FOLD,
-    REACHED,
-    Newton,
-    _converged,
-    _goes_on,
-    fold_load,
-    follow,
-    trace,
-    value_and_jacobian,
-)
+from softgrip_jax.numerics.continuation import BIFURCATION, ENDED, FOLD, REACHED, fold_load, follow, trace
+from softgrip_jax.numerics.continuation.newton import FINE, Newton, goes_on, has_converged, value_and_jacobian
 
 DEGREE = 4
 RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
@@ -153,8 +141,8 @@ def test_a_goal_that_lies_a_little_behind_the_start_is_found():
 def test_two_moves_tell_of_the_next_but_a_long_first_one_may_hide_what_bends(moves, more):
     """By the ratio of the first pair 8e-17 is left; 2e-13 was, in a finger whose first move lay along the path."""
     newton = Newton(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
-    assert bool(_goes_on(newton, 8, FINE)) == more
-    assert bool(_converged(newton, FINE)) != more
+    assert bool(goes_on(newton, 8, FINE)) == more
+    assert bool(has_converged(newton, FINE)) != more
 
 
 # --- branches ---------------------------------------------------------------------------------------------------------
@@ -217,7 +205,7 @@ def test_the_second_try_begins_at_a_point_that_is_known_to_the_last_bit():
 
 @RANDOM
 @given(size=st.floats(-8, 0))
-def test_and_where_the_two_have_joined_it_goes_on(size):
+def test_and_where_the_two_have_joined_itgoes_on(size):
     """y (p - y) = -e < 0: now the branch from below rises past the corner, and the other one is its mirror image."""
     e = 10**size
     table = coefficients(y1p1=1, y2p0=-1, y0p0=e)
