@@ -11,7 +11,18 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.continuation import BIFURCATION, ENDED, FOLD, REACHED, fold_load, follow, trace
+from softgrip_jax.numerics.continuation import (
+    BIFURCATION,
+    ENDED,
+    FOLD,
+    LARGEST_STEP,
+    MAX_STEPS,
+    REACHED,
+    Steps,
+    fold_load,
+    follow,
+    trace,
+)
 from softgrip_jax.numerics.continuation.newton import FINE, Newton, goes_on, has_converged, value_and_jacobian
 
 DEGREE = 4
@@ -62,7 +73,42 @@ def test_a_straight_path_takes_few_steps_however_long():
         y, p, reason, iterations = followed(table, 0, 0, target)
         assert reason == REACHED
         assert (y, p) == pytest.approx((target / 2, target), rel=1e-15)
-        assert iterations <= most
+        assert np.hypot(y, p) / LARGEST_STEP <= iterations <= most
+
+
+def test_a_path_that_is_too_long_is_given_up():
+    y, p, reason, iterations = followed(coefficients(y0p1=1, y1p0=-2), 0, 0, 3 * MAX_STEPS * LARGEST_STEP)
+    assert reason == ENDED
+    assert p == pytest.approx(2 * y, rel=1e-13)
+    assert MAX_STEPS <= iterations <= MAX_STEPS + 5
+    assert 0.9 * MAX_STEPS * LARGEST_STEP < np.hypot(y, p) <= MAX_STEPS * LARGEST_STEP
+
+
+@jax.jit
+def _by_steps(table, target, is_there):
+    """From rest, with steps of a caller's own."""
+    steps = Steps(largest=0.25, turn=0.999, most=100)
+    return follow(equations, jnp.zeros(2), (table, jnp.inf, target), 0.25, steps, is_there)
+
+
+def test_a_caller_says_how_long_steps_are_how_far_they_turn_and_how_many_there_may_be():
+    line = jnp.asarray(coefficients(y0p1=1, y1p0=-2))
+    found = _by_steps(line, 8.0, False)
+    assert found.reason == REACHED
+    assert np.hypot(4, 8) / 0.25 <= found.iterations <= np.hypot(4, 8) / 0.25 + 4
+    assert _by_steps(line, 80.0, False).reason == ENDED
+    # A turn by arctan(1.5) in steps of 2.6 degrees, where the default takes steps of 26.
+    bent = coefficients(y0p1=1, y1p0=-1, y2p0=-1)
+    found = _by_steps(jnp.asarray(bent), 2.0, False)
+    assert found.reason == REACHED
+    assert float(found.u[0]) == pytest.approx(1, rel=1e-14)
+    assert found.iterations > 2 * followed(bent, 0, 0, 2.0)[3]
+
+
+def test_what_is_there_already_is_handed_back():
+    found = _by_steps(jnp.asarray(CUBIC), 5.0, True)
+    assert (int(found.reason), int(found.iterations)) == (REACHED, 0)
+    assert found.u.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("target", [0.05, 0.3, 0.6, 0.66, 0.6666, 0.666666, 0.66666666])
