@@ -75,7 +75,8 @@ GENERAL = {
 class Solver(eqx.Module):
     """How the equilibrium at a pressure is found: values only, derivatives are attached to what is found.
 
-    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules.
+    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules. A
+    solver of your own says itself which scenes it suits.
     """
 
     @abc.abstractmethod

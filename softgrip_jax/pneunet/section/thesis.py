@@ -20,6 +20,7 @@ class Thesis(SectionLaw):
     not the derivative of an energy.
     """
 
+    NAME = "thesis"
     largest_moment = 1 / 6
 
     def __call__(self, m, n):
