@@ -123,6 +123,24 @@ def test_newtons_method_does_not_run_away_from_a_poor_guess(guess):
     assert found.evaluations <= 12
 
 
+def test_a_step_that_hardly_lowers_the_energy_is_cut():
+    """From y = 1 - e Newton's method for sqrt(1 + y^2) leads to -(1 - 3 e), lower by nothing to speak of, and so on."""
+
+    @jax.jit
+    def softer(guess):
+        def energy(y, load):
+            return jnp.sqrt(1 + y[0] ** 2) - load * y[0]
+
+        expansion = expansion_of(energy, lambda y: jnp.zeros(0), jnp.zeros(0), 1.0)
+        none, load = jnp.zeros(0), jnp.asarray(1e-9)
+        return minimise(expansion, (jnp.zeros(1), none), jnp.zeros(()), (guess[None], none), load, 1.0)
+
+    found = softer(jnp.asarray(1 - 1e-7))
+    assert found.reached
+    assert float(found.y[0]) == pytest.approx(1e-9, rel=1e-6)
+    assert found.evaluations <= 12
+
+
 # --- quadratic energies under linear constraints: exact --------------------------------------------------------------
 
 
@@ -219,3 +237,41 @@ def test_lanes_of_a_batch_are_what_they_are_alone():
         alone = _softening(powers, load, 10.0)
         assert (batch.reached[k], batch.lost[k]) == (alone.reached, alone.lost)
         np.testing.assert_allclose(batch.y[k], alone.y, rtol=1e-12)
+
+
+# --- contact along a path of loads ------------------------------------------------------------------------------------
+
+
+@jax.jit
+def _on_a_wall(powers, load, largest_step, hold):
+    """z with the energy sum of powers[k] z^(k + 2) - load z, beside w, which the load presses on a wall at 0.01; the
+    wall's force is hold * load - 0.01 (of a spring of stiffness one)."""
+
+    def energy(y, load):
+        z, w = y
+        return jnp.sum(powers * z ** jnp.arange(2, 6)) - load * z + 0.5 * w**2 - hold * load * w
+
+    expansion = expansion_of(energy, lambda y: 0.01 - y[1:], jnp.ones(1), 1.0)
+    guess = jnp.stack([load / (2 * powers[0]), hold * load]), jnp.zeros(1)
+    return minimise(expansion, (jnp.zeros(2), jnp.zeros(1)), jnp.zeros(()), guess, load, largest_step)
+
+
+def test_in_contact_multipliers_are_foretold_from_load_to_load():
+    """Linear: after the first steps every load takes one look, for y and multipliers lie on a straight line."""
+    found = _on_a_wall(jnp.array([0.5, 0, 0, 0]), jnp.asarray(2.0), 0.1, 1.0)
+    assert found.reached
+    np.testing.assert_allclose(found.y, [2.0, 0.01], rtol=1e-14)
+    np.testing.assert_allclose(found.multipliers, [1.99], rtol=1e-13)
+    np.testing.assert_allclose([found.slope[0][1], found.slope[1][0]], [0, 1], atol=1e-14)
+    assert 20 <= found.evaluations <= 20 + 5
+
+
+@pytest.mark.parametrize("load", [0.55, 0.7, 3.0])
+def test_in_contact_too_a_minimum_behind_a_largest_load_is_not_leapt_to(load):
+    """z as in the softening spring above: its load is largest at z = 1/2, and rises again from z = 4."""
+    highest = 1 - 9 / 16 + 1 / 24
+    found = _on_a_wall(jnp.array([1.0, -3 / 4, 1 / 12, 0]), jnp.asarray(load), 10.0, 1.0)
+    assert found.lost
+    assert highest - 1e-3 < float(found.load) <= highest
+    assert float(found.y[0]) < 0.5
+    assert float(found.y[1]) == pytest.approx(0.01, rel=1e-12)
