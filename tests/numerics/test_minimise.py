@@ -104,7 +104,7 @@ def test_how_far_a_step_of_the_load_goes_does_not_matter(largest_step):
     assert (found.evaluations > 1.7 / largest_step) or largest_step > 1.7
 
 
-@pytest.mark.parametrize("guess", [1.4, -1.4])
+@pytest.mark.parametrize("guess", [1.4, -1.4, 1.9, -1.9, 2.5, -2.5])
 def test_newtons_method_does_not_run_away_from_a_poor_guess(guess):
     """sqrt(1 + y^2): full steps from beyond y = 1 lead ever farther; each must lower the energy."""
 
@@ -264,6 +264,44 @@ def test_in_contact_multipliers_are_foretold_from_load_to_load():
     np.testing.assert_allclose(found.multipliers, [1.99], rtol=1e-13)
     np.testing.assert_allclose([found.slope[0][1], found.slope[1][0]], [0, 1], atol=1e-14)
     assert 20 <= found.evaluations <= 20 + 5
+
+
+FAR = [(11, 0.3038, 2.785), (35, 1.252, 2.874), (55, 0.5993, 1.563)]
+"""Programs of `random_program` by their seed, with rho and the load."""
+
+
+def test_contact_may_bend_into_shapes_that_the_guess_does_not_know():
+    """z^2 / 40 + w^2 / 2 - load w under w <= 0.01 + z / 2: without the wall z = 0, with it z = (load - 0.01) / 0.6."""
+
+    @jax.jit
+    def pressed(load):
+        expansion = expansion_of(
+            lambda y, load: y[0] ** 2 / 40 + 0.5 * y[1] ** 2 - load * y[1],
+            lambda y: (0.01 + 0.5 * y[0] - y[1])[None],
+            jnp.ones(1),
+            1.0,
+        )
+        none = jnp.zeros(1)
+        guess = jnp.stack([0 * load, load]), none
+        return minimise(expansion, (jnp.zeros(2), none), jnp.zeros(()), guess, load, 10.0)
+
+    found = pressed(jnp.asarray(2.0))
+    assert found.reached
+    z = 1.99 / 0.6
+    np.testing.assert_allclose(found.y, [z, 0.01 + z / 2], rtol=1e-13)
+    assert found.evaluations <= 8
+
+
+@pytest.mark.parametrize(("seed", "rho", "load"), FAR)
+def test_where_a_guess_is_far_off_the_load_comes_in_parts(seed, rho, load):
+    """Programs whose minimum is far from the first guess: a load step that fails says nothing of a largest load."""
+    hessian, pull, slopes, offsets, weights = random_program(seed)
+    y, multipliers = quadratic_program(hessian, load * pull, slopes, offsets, weights)
+    found = _pressed(hessian, pull, slopes, offsets, weights, rho, load)
+    assert found.reached
+    assert found.evaluations <= 65
+    np.testing.assert_allclose(found.y, y, atol=1e-12)
+    np.testing.assert_allclose(found.multipliers, multipliers, atol=1e-11)
 
 
 @pytest.mark.parametrize("load", [0.55, 0.7, 3.0])

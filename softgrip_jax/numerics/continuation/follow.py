@@ -93,7 +93,7 @@ def follow(
         newton, local = newton_step(
             lambda u: traced(u, args), search.before.tangent, search.guess, to_goal, search.newton
         )
-        first = (search.count == 0) & ~to_goal
+        first = search.count == 0
         within = to_goal & ~directly(search)
         new, rise, trusted, left, crossed = arrived(
             newton, local, search.before, search.guess, within, first, search.polishing, by.turn

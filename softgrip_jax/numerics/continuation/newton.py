@@ -115,5 +115,4 @@ def goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) -> 
 
 
 def has_converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
-    small = (newton.last <= accuracy.move) | (next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
-    return small & jnp.isfinite(newton.last)
+    return (newton.last <= accuracy.move) | (next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)
