@@ -17,16 +17,17 @@ BifurcationKit are programs in other languages.
     newton.py      one Newton step, and when to stop
     points.py      a point with its tangent, and whether a new one is the path's next
     search.py      the state of a search, and what comes after each Newton iteration
-    follow.py      the loop
+    loop.py        the loop
     limit_load.py  the load of a limit point, with derivatives
-    trace.py       the curve at equal arc lengths
+    curve.py       the curve at equal arc lengths
 """
 
-from .follow import MAX_STEPS as MAX_STEPS
-from .follow import End as End
-from .follow import Steps as Steps
-from .follow import follow as follow
+from .curve import trace as trace
 from .limit_load import fold_load as fold_load
+from .loop import MAX_STEPS as MAX_STEPS
+from .loop import End as End
+from .loop import Steps as Steps
+from .loop import follow as follow
 from .points import TURN as TURN
 from .search import BIFURCATION as BIFURCATION
 from .search import ENDED as ENDED
@@ -34,4 +35,3 @@ from .search import FIRST_STEP as FIRST_STEP
 from .search import FOLD as FOLD
 from .search import LARGEST_STEP as LARGEST_STEP
 from .search import REACHED as REACHED
-from .trace import trace as trace
