@@ -192,6 +192,14 @@ def test_the_start_need_not_be_on_the_path():
         assert found[:2] == pytest.approx(followed(CUBIC, 0, 0, 0.5)[:2], rel=1e-14)
 
 
+def test_what_is_counted_are_newton_iterations_and_not_steps():
+    """p = y^2 - 1 at p = 0 from y = 3/2: 13/12, 313/312, then rounding by the next one."""
+    table = coefficients(y0p1=1, y0p0=1, y2p0=-1)
+    off, on = followed(table, 1.5, 0, 0.5), followed(table, 1.0, 0, 0.5)
+    assert off[:3] == pytest.approx((np.sqrt(1.5), 0.5, REACHED), rel=1e-14)
+    assert off[3] >= on[3] + 2
+
+
 def test_a_goal_that_lies_a_little_behind_the_start_is_found():
     y, p, reason, _ = followed(CUBIC, 0.2, 0.2 - 0.008 / 3, 0.18)
     assert reason == REACHED
