@@ -9,6 +9,7 @@ from .design.pareto import Front as Front
 from .design.pareto import pareto as pareto
 from .design.run import load_run as load_run
 from .problem import Goal as Goal
+from .problem import GoalKind as GoalKind
 from .problem import Limits as Limits
 from .problem import Problem as Problem
 from .problem import Quantity as Quantity

@@ -11,7 +11,7 @@ that says how far the design is from an equilibrium, so that a search can climb 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -47,13 +47,37 @@ AMERICAN = {"minimize": "minimise", "maximize": "maximise"}
 
 
 @dataclasses.dataclass(frozen=True)
+class GoalKind:
+    """What a goal wants: term(goal, value, scale) is the pure number that is minimised, `goal.weight` included."""
+
+    name: str
+    term: Callable[[Goal, Scalar, float | Scalar], Scalar]
+    has_target: bool = False
+
+
+def _square_of_distance(goal: Goal, value: Scalar, scale: float | Scalar) -> Scalar:
+    assert goal.target is not None
+    return goal.weight * ((value - goal.target) / scale) ** 2
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        GoalKind("minimise", lambda goal, value, scale: goal.weight * value / scale),
+        GoalKind("maximise", lambda goal, value, scale: goal.weight * -1 * value / scale),
+        GoalKind("reach", _square_of_distance, has_target=True),
+    )
+}
+
+
+@dataclasses.dataclass(frozen=True)
 class Goal:
     """One term of the objective.
 
     It is weight * sense * value / scale, or weight * ((value - target) / scale)^2 for "reach".
 
     Args:
-        kind: "minimise", "maximise" or "reach".
+        kind: "minimise", "maximise", "reach", or a `GoalKind` of your own.
         quantity: what it is about.
         target: of "reach", in SI.
         weight: of the term, dimensionless.
@@ -70,24 +94,30 @@ class Goal:
         0.0625
     """
 
-    kind: str
+    kind: str | GoalKind
     quantity: Quantity
     target: float | None = None
     weight: float = 1.0
     scale: float | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "kind", AMERICAN.get(self.kind, self.kind))
-        if self.kind not in ("minimise", "maximise", "reach"):
+        if isinstance(self.kind, str):
+            object.__setattr__(self, "kind", AMERICAN.get(self.kind, self.kind))
+        elif not isinstance(self.kind, GoalKind):
+            raise InputError(f"The kind of a goal is {self.kind!r}; it must be a name or a GoalKind.")
+        if isinstance(self.kind, str) and self.kind not in KINDS:
             raise InputError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
-        if (self.kind == "reach") != (self.target is not None):
+        if self.how.has_target != (self.target is not None):
             raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
+
+    @property
+    def how(self) -> GoalKind:
+        """What the kind means."""
+        return KINDS[self.kind] if isinstance(self.kind, str) else self.kind
 
     def term(self, value: Scalar, scale: float | Scalar) -> Scalar:
         """The term at a value and with a scale, both in SI; dimensionless."""
-        if self.target is not None:
-            return self.weight * ((value - self.target) / scale) ** 2
-        return self.weight * (1 if self.kind == "minimise" else -1) * value / scale
+        return self.how.term(self, value, scale)
 
 
 @dataclasses.dataclass(frozen=True)

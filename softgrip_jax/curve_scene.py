@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
-from .numerics.roots import implicit
+from .numerics.implicit import implicit
 from .numerics.xla import materialised
 from .reasons import Reason
 from .results import Status, stop_gradient_where_failed

@@ -435,7 +435,7 @@ def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[L
         yield LadderModel(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
         return
     parts = scene.chambers()[0].low.shape[0]
-    cost = SECTION_COST[scene.section] * share
+    cost = SECTION_COST.get(str(scene.section), SECTION_COST["exact"]) * share
     each, finest, count = (FEWEST_POINTS if parts == 1 else PART_POINTS), max(FINEST_POINTS, scene.method().points), 0
     while True:
         every = each * parts

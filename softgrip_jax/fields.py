@@ -11,6 +11,7 @@ import dataclasses
 import functools
 import numbers
 import typing
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -96,6 +97,20 @@ def choice(*allowed: str, **kwargs: Any) -> Any:
     return eqx.field(static=True, metadata={"allowed": allowed}, **kwargs)
 
 
+@jax.tree_util.register_static
+class Name(str):
+    """A name that may stand in a field beside modules: JAX takes it for a part of the tree without numbers."""
+
+
+def choice_or(kind: type[eqx.Module], *allowed: str, **kwargs: Any) -> Any:
+    """A choice by name, or a module of a kind that a user wrote; its float leaves vary as those of any part do."""
+    return eqx.field(converter=_to_name, metadata={"allowed": allowed, "instance": kind}, **kwargs)
+
+
+def _to_name(value: Any) -> Any:
+    return Name(value) if type(value) is str else value
+
+
 def count(**kwargs: Any) -> Any:
     """A static whole number, one or more."""
     return eqx.field(static=True, metadata={"least": 1}, **kwargs)
@@ -166,8 +181,11 @@ def check_fields(module: Checked) -> list[Doubt]:
                 found += doubts(where, np.asarray(array), meta["kind"], meta["rule"])
         elif meta.get("friction") and not callable(value):
             require(where, value, "positive", "number")
-        elif "allowed" in meta and value not in meta["allowed"]:
-            raise InputError(f"{where} is {value!r}; it must be one of {', '.join(map(repr, meta['allowed']))}.")
+        elif "allowed" in meta and not _is_allowed(value, meta):
+            words = f"{', '.join(map(repr, meta['allowed']))}" + (
+                f", or a {meta['instance'].__name__}" if "instance" in meta else ""
+            )
+            raise InputError(f"{where} is {value!r}; it must be one of {words}.")
         elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
             raise InputError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
         elif "least" in meta and not (type(value) is int and value >= meta["least"]):
@@ -176,6 +194,10 @@ def check_fields(module: Checked) -> list[Doubt]:
             names = " or ".join(t.__name__ for t in meta["types"])
             raise InputError(f"{where} is {value!r}; it must be a {names}.")
     return found
+
+
+def _is_allowed(value: Any, meta: Mapping[str, Any]) -> bool:
+    return value in meta["allowed"] if isinstance(value, str) else isinstance(value, meta.get("instance", ()))
 
 
 def admissible(tree: Any) -> Bool[Array, ""]:

@@ -13,7 +13,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from .materials.base import Material, nominal_stresses
-from .numerics.roots import implicit
+from .numerics.implicit import implicit
 from .numerics.xla import cos_and_sin
 
 Scalar = Float[Array, ""]

@@ -18,9 +18,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .fields import choice
 from .load_path import BEGINNING, LoadPath, Ray, onwards, proportional
-from .numerics.choice import larger
-from .numerics.paths import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
-from .numerics.roots import implicit, select, solve_small
+from .numerics.choice import larger, select
+from .numerics.continuation import BIFURCATION, ENDED, FOLD, REACHED, End, Steps, fold_load, follow, trace
+from .numerics.implicit import implicit
+from .numerics.small_linear import solve_small
 from .reasons import Reason
 from .results import Status, stop_gradient_where_failed
 from .scene import FALLEN, Found, Scene, frozen

@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .errors import InputError
 from .fields import Checked, admissible, rule_names
-from .numerics.roots import implicit, with_derivatives_of
+from .numerics.implicit import implicit, with_derivatives_of
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, mask, stop_gradient_where_failed
 
@@ -75,7 +75,8 @@ GENERAL = {
 class Solver(eqx.Module):
     """How the equilibrium at a pressure is found: values only, derivatives are attached to what is found.
 
-    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules.
+    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules. A
+    solver of your own says itself which scenes it suits.
     """
 
     @abc.abstractmethod

@@ -14,7 +14,7 @@ from helpers import CASES, Case, cheap, reference, shell
 from jax import lax
 
 import softgrip_jax as sg
-from softgrip_jax.numerics.roots import implicit
+from softgrip_jax.numerics.implicit import implicit
 from softgrip_jax.pneunet import Shooting
 from softgrip_jax.solvers import ArcLength, ExplicitCurve, MinimumEnergy, Newton
 from softgrip_jax.units import kPa, mm

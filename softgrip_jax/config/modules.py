@@ -213,7 +213,9 @@ def to_table(module: Any, bases: tuple[type, ...]) -> dict[str, Any]:
         elif "rule" in meta or meta.get("friction"):
             table[key.key] = _in_unit(np.asarray(value), DISPLAY[meta.get("kind", "number")][1])
         else:
-            table[key.key] = list(value) if "names" in meta else value
+            if isinstance(value, meta.get("instance", ())):
+                raise ConfigError(f"{key.key} is a {type(value).__name__}, and a config can hold a name there only.")
+            table[key.key] = list(value) if "names" in meta else str(value) if "instance" in meta else value
     return table
 
 

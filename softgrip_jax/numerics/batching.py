@@ -3,6 +3,9 @@
 Under `vmap` a `lax.while_loop` runs every lane as often as the slowest. A thousand searches of 20 to 300 iterations
 each then cost 300 iterations each. Here a batch goes through a number of slots instead: each iteration works on what is
 in the slots, and a slot whose lane has ended takes the next lane of the batch.
+
+Libraries that were looked at: JAX itself masks what has ended and goes on with the whole batch, and so does all that is
+made of its loops (optimistix, diffrax, equinox); `lax.map` with a batch size waits for the slowest of each block.
 """
 
 from __future__ import annotations

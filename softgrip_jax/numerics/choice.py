@@ -1,4 +1,4 @@
-"""The larger and the smaller of values, with the derivatives of the one that was chosen.
+"""Choices between values: by a condition, or of the larger or the smaller, with the derivatives of the chosen one.
 
 jnp.maximum, jnp.min and their like compare the result with each argument to learn whose derivative it has. Where XLA
 has computed an argument twice and rounded it otherwise, the result equals none of them, and the derivative is zero
@@ -8,8 +8,11 @@ stays so.
 
 from __future__ import annotations
 
+from typing import Any
+
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 Number = Float[Array, "..."]
 
@@ -32,3 +35,8 @@ def largest(values: Number) -> Float[Array, ""]:
 def smallest(values: Number) -> Float[Array, ""]:
     """The smallest entry; the first of equals."""
     return values.reshape(-1)[jnp.argmin(values)]
+
+
+def select(condition: Bool[Array, ""], a: Any, b: Any) -> Any:
+    """The tree a where the condition holds, else b."""
+    return jax.tree.map(lambda x, y: jnp.where(condition, x, y), a, b)

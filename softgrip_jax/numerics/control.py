@@ -2,7 +2,10 @@
 
 gradient(y, load) = 0 with one more equation, direction . y = place. Next to a limit point the load is then a smooth
 function of `place` with a maximum, and at it the slope of y is the direction in which stiffness is lost. No derivatives
-pass through (see roots.implicit).
+pass through (see implicit.implicit).
+
+Libraries that were looked at: those of `continuation` and of `minimise`. It is a page of its own since the equations of
+an energy come with their Hessian here.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .roots import bracketed_root, newton_bracketed
+from .scalar_roots import bracketed_root, newton_bracketed
 
 Scalar = Float[Array, ""]
 Samples = Float[Array, " n"]

@@ -9,7 +9,11 @@ is minimised by Newton's method with a line search, l held; near it y and l move
 (a primal-dual active set, l - rho g > 0). What is found does not depend on rho, and constraints are met exactly.
 
 One loop does everything, one expansion of the energy in its body: both kinds of steps and the steps of the load.
-Nothing waits for another stage, and the energy is compiled once. No derivatives pass through (see roots.implicit).
+Nothing waits for another stage, and the energy is compiled once. No derivatives pass through (see implicit.implicit).
+
+Libraries that were looked at: optimistix minimises without constraints. JAXopt has bounds, quadratic programs and
+projections, but no inequalities of any shape, and is no longer maintained. SciPy's SLSQP and trust-constr are not
+compiled or batched with the energy. None of them stays with one minimum while a load grows.
 """
 
 from __future__ import annotations
@@ -22,7 +26,7 @@ from jax import lax
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
-from .roots import select
+from .choice import select
 
 Vector = Float[Array, " n"]
 Multipliers = Float[Array, " k"]
@@ -215,10 +219,10 @@ def minimise(
         falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))
         holding = state.together == 0
         taken = definite & jnp.where(holding, falls, (size < NEAR) & (state.together < TRIES))
-        verified = taken & (size < SETTLED) & (steps.change < SETTLED)
+        settled = taken & (size < SETTLED) & (steps.change < SETTLED)
         first = state.kept_load == 0
         known = jnp.max(jnp.abs(state.kept[0] + jnp.where(first, state.load, 0.0) * state.slope[0]))
-        leap = jnp.where(jnp.any(x.pressed > 0), LEAP_IN_CONTACT, LEAP) * jnp.where(verified, 1.0, 2.0)
+        leap = jnp.where(jnp.any(x.pressed > 0), LEAP_IN_CONTACT, LEAP) * jnp.where(settled, 1.0, 2.0)
         leapt = taken & (jnp.max(jnp.abs(trial)) > known + leap)
 
         # Near: y and multipliers together, from where it is safe to return to.
@@ -264,7 +268,7 @@ def minimise(
         step = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
         arrived = towards(found, state.load, steps.slope, jnp.minimum(step, largest_step), state)
         arrived = arrived._replace(active=~there, reached=there)
-        return select(verified & ~leapt, arrived, select(stuck | leapt, back, moved))
+        return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
 
     def busy(state: _State) -> Bool[Array, ""]:
         return state.active & (state.count < MAX_EVALUATIONS)

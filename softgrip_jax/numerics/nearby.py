@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
-from .roots import solve_and_sign
+from .small_linear import solve_and_sign
 
 Equations = Callable[[Array, Array], tuple[Array, Array]]
 """(u, t) -> residual, of the size of u, and what is observed; traced values come through u and t alone."""

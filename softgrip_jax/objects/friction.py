@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..errors import InputError
 from ..fields import Checked, is_concrete, nonnegative, positive, to_float_array
 from ..numerics.curves import first_crossing, scan_curve
-from ..numerics.roots import implicit
+from ..numerics.implicit import implicit
 
 Scalar = Float[Array, ""]
 

@@ -11,8 +11,10 @@ from .grasp import Grasp as Grasp
 from .grasp import Gripper as Gripper
 from .grasp import largest_mass as largest_mass
 from .linear import Linear as Linear
+from .section.base import SectionLaw as SectionLaw
 from .tip_contact import TipContact as TipContact
 from .wall.arc import Chamber as Chamber
+from .wall.base import WallModel as WallModel
 from .wall.pressures import chamber as chamber
 from .wall.pressures import contact_pressure as contact_pressure
 from .wall.pressures import wall_limit as wall_limit

@@ -18,7 +18,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..errors import CellRangeWarning, InputError
-from ..fields import choice, is_concrete, to_float_array
+from ..fields import choice, choice_or, is_concrete, to_float_array
 from ..load_path import LATER, LoadPath
 from ..numerics.batching import lane_pool
 from ..numerics.choice import larger, smallest
@@ -34,8 +34,10 @@ from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_
 from .cell.law import LARGEST_PRESSURE, cell_section, outside
 from .finger import SEGMENT_FIELDS, PneuNet
 from .rules import chambers_apart, margins_of_parts
+from .section.base import SectionLaw
 from .section.choice import section_law
 from .wall.arc import gap_share, within
+from .wall.base import WallModel
 from .wall.pressures import end_moment, pressure_of_moment, touching_angle, wall_limit
 
 Scalar = Float[Array, ""]
@@ -166,7 +168,7 @@ class FingerScene(PathScene):
     """A finger under pressure with the loads that a subclass names.
 
     Args:
-        section: law of the cover: "exact", "thesis" or "inextensible".
+        section: law of the cover: "exact", "thesis" or "inextensible", or a `SectionLaw` of your own.
         inclination: how the chambers' walls incline as the finger bends (thesis algorithm 5): "segment", theta_s =
             theta' (2 h_x + h_L) / 2, half the angle between adjacent chambers, "gap", theta_s = theta' h_x, the turn
             over the gap alone, or "none", theta_s = 0.
@@ -174,7 +176,7 @@ class FingerScene(PathScene):
             model, or "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
             together, at every point of the beam. With it section and inclination have no part, and end_moment is that
             of a straight segment at the tip. The forces of the two differ by a factor of about four:
-            docs/theory/cell.md.
+            docs/theory/cell.md. A `WallModel` of your own may stand there, too.
         moment_spread: of the drive "thesis": "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)).
         loading: the way on which a state is reached, which decides which one it is: "first", weight and pulls grow from
             nothing to their full size, then the pressure, or "proportional", weight, pulls and tip offset grow in
@@ -192,7 +194,7 @@ class FingerScene(PathScene):
         def finger(self) -> PneuNet: ...
 
         weight: Array | None  # pyright: ignore[reportGeneralTypeIssues]
-        section: str  # pyright: ignore[reportGeneralTypeIssues]
+        section: str | SectionLaw  # pyright: ignore[reportGeneralTypeIssues]
         inclination: str  # pyright: ignore[reportGeneralTypeIssues]
         points: int  # pyright: ignore[reportGeneralTypeIssues]
         beam: BeamMethod | None  # pyright: ignore[reportGeneralTypeIssues]
@@ -230,7 +232,7 @@ class FingerScene(PathScene):
             return self
         return self.with_method(dataclasses.replace(method, searching=True))
 
-    drive: str = choice(*DRIVES, default="thesis", kw_only=True)
+    drive: str | WallModel = choice_or(WallModel, *DRIVES, default="thesis", kw_only=True)
     moment_spread: str = choice(*SPREADS, default="root", kw_only=True)
 
     def prepared(self):
@@ -454,6 +456,9 @@ class FingerScene(PathScene):
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
+        if isinstance(self.drive, WallModel):
+            moment = self.drive.end_moment(finger, pressure, inclination) / finger.moment_scale()
+            return jnp.where(pressure <= self.drive.largest_pressure(finger), moment, jnp.nan)
         moment = end_moment(finger, pressure, inclination) / finger.moment_scale()
         return moment if self.moment_spread == "root" else moment / gap_share(finger)
 
@@ -466,6 +471,8 @@ class FingerScene(PathScene):
             one = wall.finger
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
+            if isinstance(self.drive, WallModel):
+                return self.drive.contact_pressure(one), scale, self.drive.largest_pressure(one)
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
             touch = wall.load(touching_angle(one))
             if finger.material.closed_forms().has_rising_wall:
@@ -487,7 +494,7 @@ class FingerScene(PathScene):
 
     def spent(self, unknowns, pressure):
         """The pressure over what the walls hold where they are most inclined."""
-        if self.inclination == "none" or self.is_cell():
+        if self.inclination == "none" or self.is_cell() or isinstance(self.drive, WallModel):
             return {}
         parts, _ = self.chambers()
         inclinations = opening(parts.chamber.share * self.turned(unknowns))
@@ -512,6 +519,8 @@ class FingerScene(PathScene):
     def end_reason(self):
         if self.is_cell():
             return Reason.CELL_LAW_ENDS
+        if isinstance(self.drive, WallModel):
+            return Reason.NO_EQUILIBRIUM
         closed = self.finger.material.closed_forms().has_rising_wall
         return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT
 

@@ -11,7 +11,7 @@ from ..errors import InputError
 from ..fields import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.choice import larger, largest
-from ..numerics.roots import bracketed_root
+from ..numerics.scalar_roots import bracketed_root
 from ..path_scene import asked_for
 from ..reasons import Reason
 from ..results import Status
@@ -20,7 +20,8 @@ from .beam.collocation import Loads
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, FingerScene, Scalar, opening, to_weight
-from .section.choice import SECTION_LAWS
+from .section.base import SectionLaw
+from .section.choice import section
 
 MOST_TURN = 4 * np.pi
 """Between clamp and tip of a free finger, rad: two full turns. It would lie on itself; without this end the model of a
@@ -71,7 +72,7 @@ class Free(FingerScene):
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(0.0, -2.0))
     tip_load: Float[Array, "*batch 2"] | None = vector("force", to_weight, default=None)
     clamp_angle: Scalar = finite("angle", default=0.0)
-    section: str = choice(*SECTION_LAWS, default="exact")
+    section: str | SectionLaw = section(default="exact")
     inclination: str = choice(*INCLINATIONS, default="segment")
     combination: str = choice("sum", "larger", default="sum")
     points: int = count(default=POINTS)

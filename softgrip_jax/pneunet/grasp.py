@@ -13,8 +13,8 @@ from jaxtyping import Array, Float
 from ..errors import InputError
 from ..fields import Checked, choice, count, finite, is_concrete, part, positive, vector
 from ..numerics.choice import larger, smaller, smallest
-from ..numerics.paths import REACHED, follow
-from ..numerics.roots import implicit
+from ..numerics.continuation import REACHED, follow
+from ..numerics.implicit import implicit
 from ..objects.friction import friction_force, required_normal_force
 from ..objects.grasped import Object, Taper
 from ..questions import solve
@@ -25,7 +25,8 @@ from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, Scalar, to_weight
 from .rules import clear_of_clamp, line_inside, side_by_side
-from .section.choice import SECTION_LAWS
+from .section.base import SectionLaw
+from .section.choice import section
 from .tip_contact import HeldTip
 
 
@@ -139,7 +140,7 @@ class Grasp(HeldTip):
     tip_offset: Scalar | None = finite("length", default=None)
     stand_distance: Scalar | None = positive("length", default=None)
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=(2.0, 0.0))
-    section: str = choice(*SECTION_LAWS, default="exact")
+    section: str | SectionLaw = section(default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
     beam: BeamMethod | None = beam_method()

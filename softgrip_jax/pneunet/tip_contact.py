@@ -17,7 +17,8 @@ from .beam.collocation import Loads
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, FingerScene, Scalar, to_weight
-from .section.choice import SECTION_LAWS
+from .section.base import SectionLaw
+from .section.choice import section
 from .section.exact import axial_stretch
 
 
@@ -57,7 +58,7 @@ class HeldTip(FingerScene):
         is the square root of it over EI / L^2, or less where the cover stretches first."""
         slack = 1 - self.way_aside() / self.finger.L
         growth = UPRIGHT / jnp.maximum(slack, LEAST_SLACK)
-        if self.section != "inextensible":
+        if self.law().stretches_at_all:
             growth = smaller(growth, 2 * jnp.cbrt(12 * (self.finger.L / self.finger.H) ** 2 * UPRIGHT))
         is_far = (slack < FAR_ASIDE) & ((slack > 0) | ("tip_in_reach" in self.ignored_rules))
         return jnp.where(is_far, growth**2 * self.held_unit(), 0.0)
@@ -65,7 +66,7 @@ class HeldTip(FingerScene):
     def margins_at_rest(self):
         length = self.finger.L
         own = {"tip_in_reach": length - self.way_aside()}
-        if self.section != "inextensible":
+        if self.law().stretches_at_all:
             stretch = axial_stretch(larger(self.pull(), 0.0) / self.finger.force_scale())
             own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
         return super().margins_at_rest() | own
@@ -180,7 +181,7 @@ class TipContact(HeldTip):
     tip_offset: Scalar = finite("length", default=0.0)
     tip_pull: Scalar = finite("force", default=0.0)
     weight: Float[Array, "*batch 2"] | None = vector("force_per_length", to_weight, default=None)
-    section: str = choice(*SECTION_LAWS, default="exact")
+    section: str | SectionLaw = section(default="exact")
     inclination: str = choice(*INCLINATIONS, default="none")
     points: int = count(default=POINTS)
     hold: str = choice("both", "press", default="both", kw_only=True)

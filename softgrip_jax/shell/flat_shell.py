@@ -16,7 +16,7 @@ from ..errors import InputError, JoinedRuleError
 from ..fields import Checked, choice, is_concrete, part, positive
 from ..materials.base import Material
 from ..membrane import equilibrium_pressure
-from ..numerics.roots import bracketed_root
+from ..numerics.scalar_roots import bracketed_root
 from ..reasons import Reason
 from ..scene import Scene
 

@@ -7,7 +7,7 @@ from typing import Any
 import equinox as eqx
 
 from ..errors import InputError
-from ..numerics.paths import FIRST_STEP, LARGEST_STEP, MAX_STEPS, TURN, Steps
+from ..numerics.continuation import FIRST_STEP, LARGEST_STEP, MAX_STEPS, TURN, Steps
 from ..scene import Solver
 
 
@@ -15,7 +15,7 @@ class ArcLength(Solver):
     """Arc-length continuation from zero load to the pressure, for scenes with several unknowns.
 
     It is what fingers use by themselves. The predictor goes along the tangent of the path, Newton's method corrects
-    across it (see `numerics.paths`). A limit point on the way is BEYOND_LIMIT, a bifurcation under the loads is
+    across it (see `numerics.continuation`). A limit point on the way is BEYOND_LIMIT, a bifurcation under the loads is
     IMPOSSIBLE. The answer is solved to rounding whatever the steps; their length only decides how sure it is that no
     step goes from one branch to another.
 

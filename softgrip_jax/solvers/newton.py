@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 from ..curve_scene import DROP, CurveScene
 from ..errors import InputError
 from ..numerics.curves import slope_of
-from ..numerics.roots import solve_and_sign
+from ..numerics.small_linear import solve_and_sign
 from ..path_scene import PathScene, residual_at
 from ..reasons import Reason
 from ..results import Status

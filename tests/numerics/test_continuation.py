@@ -11,20 +11,19 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.paths import (
+from softgrip_jax.numerics.continuation import (
     BIFURCATION,
     ENDED,
-    FINE,
     FOLD,
+    LARGEST_STEP,
+    MAX_STEPS,
     REACHED,
-    Newton,
-    _converged,
-    _goes_on,
+    Steps,
     fold_load,
     follow,
     trace,
-    value_and_jacobian,
 )
+from softgrip_jax.numerics.continuation.newton import FINE, Newton, goes_on, has_converged, value_and_jacobian
 
 DEGREE = 4
 RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
@@ -74,7 +73,57 @@ def test_a_straight_path_takes_few_steps_however_long():
         y, p, reason, iterations = followed(table, 0, 0, target)
         assert reason == REACHED
         assert (y, p) == pytest.approx((target / 2, target), rel=1e-15)
-        assert iterations <= most
+        assert np.hypot(y, p) / LARGEST_STEP <= iterations <= most
+
+
+def test_a_path_that_is_too_long_is_given_up():
+    y, p, reason, iterations = followed(coefficients(y0p1=1, y1p0=-2), 0, 0, 5000.0)
+    assert reason == ENDED
+    assert p == pytest.approx(2 * y, rel=1e-13)
+    assert MAX_STEPS <= iterations <= MAX_STEPS + 5 < 500
+    assert 0.9 * MAX_STEPS * LARGEST_STEP < np.hypot(y, p) <= MAX_STEPS * LARGEST_STEP
+
+
+def test_points_on_the_way_are_known_to_about_a_hundredth():
+    """Where a search is given up it is at such a point; the path bends as p = y + y^2 does."""
+
+    @jax.jit
+    @jax.vmap
+    def given_up(first):
+        args = jnp.asarray(coefficients(y0p1=1, y1p0=-1, y2p0=-1)), jnp.inf, 50.0
+        return follow(equations, jnp.zeros(2), args, first, Steps(most=4)).u
+
+    y, p = given_up(np.linspace(0.05, 1.0, 20)).T
+    assert np.all(y > 0.1)
+    left = np.abs(p - y - y**2) / np.hypot(1, 1 + 2 * y)  # the distance from the path, nearly
+    assert 1e-4 < np.max(left) < 0.015
+
+
+@jax.jit
+def _by_steps(table, target, is_there):
+    """From rest, with steps of a caller's own."""
+    steps = Steps(largest=0.25, turn=0.999, most=100)
+    return follow(equations, jnp.zeros(2), (table, jnp.inf, target), 0.25, steps, is_there)
+
+
+def test_a_caller_says_how_long_steps_are_how_far_they_turn_and_how_many_there_may_be():
+    line = jnp.asarray(coefficients(y0p1=1, y1p0=-2))
+    found = _by_steps(line, 8.0, False)
+    assert found.reason == REACHED
+    assert np.hypot(4, 8) / 0.25 <= found.iterations <= np.hypot(4, 8) / 0.25 + 4
+    assert _by_steps(line, 80.0, False).reason == ENDED
+    # A turn by arctan(1.5) in steps of 2.6 degrees, where the default takes steps of 26.
+    bent = coefficients(y0p1=1, y1p0=-1, y2p0=-1)
+    found = _by_steps(jnp.asarray(bent), 2.0, False)
+    assert found.reason == REACHED
+    assert float(found.u[0]) == pytest.approx(1, rel=1e-14)
+    assert found.iterations > 2 * followed(bent, 0, 0, 2.0)[3]
+
+
+def test_what_is_there_already_is_handed_back():
+    found = _by_steps(jnp.asarray(CUBIC), 5.0, True)
+    assert (int(found.reason), int(found.iterations)) == (REACHED, 0)
+    assert found.u.tolist() == [0.0, 0.0]
 
 
 @pytest.mark.parametrize("target", [0.05, 0.3, 0.6, 0.66, 0.6666, 0.666666, 0.66666666])
@@ -143,6 +192,14 @@ def test_the_start_need_not_be_on_the_path():
         assert found[:2] == pytest.approx(followed(CUBIC, 0, 0, 0.5)[:2], rel=1e-14)
 
 
+def test_what_is_counted_are_newton_iterations_and_not_steps():
+    """p = y^2 - 1 at p = 0 from y = 3/2: 13/12, 313/312, then rounding by the next one."""
+    table = coefficients(y0p1=1, y0p0=1, y2p0=-1)
+    off, on = followed(table, 1.5, 0, 0.5), followed(table, 1.0, 0, 0.5)
+    assert off[:3] == pytest.approx((np.sqrt(1.5), 0.5, REACHED), rel=1e-14)
+    assert off[3] >= on[3] + 2
+
+
 def test_a_goal_that_lies_a_little_behind_the_start_is_found():
     y, p, reason, _ = followed(CUBIC, 0.2, 0.2 - 0.008 / 3, 0.18)
     assert reason == REACHED
@@ -153,8 +210,8 @@ def test_a_goal_that_lies_a_little_behind_the_start_is_found():
 def test_two_moves_tell_of_the_next_but_a_long_first_one_may_hide_what_bends(moves, more):
     """By the ratio of the first pair 8e-17 is left; 2e-13 was, in a finger whose first move lay along the path."""
     newton = Newton(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
-    assert bool(_goes_on(newton, 8, FINE)) == more
-    assert bool(_converged(newton, FINE)) != more
+    assert bool(goes_on(newton, 8, FINE)) == more
+    assert bool(has_converged(newton, FINE)) != more
 
 
 # --- branches ---------------------------------------------------------------------------------------------------------
@@ -217,7 +274,7 @@ def test_the_second_try_begins_at_a_point_that_is_known_to_the_last_bit():
 
 @RANDOM
 @given(size=st.floats(-8, 0))
-def test_and_where_the_two_have_joined_it_goes_on(size):
+def test_and_where_the_two_have_joined_itgoes_on(size):
     """y (p - y) = -e < 0: now the branch from below rises past the corner, and the other one is its mirror image."""
     e = 10**size
     table = coefficients(y1p1=1, y2p0=-1, y0p0=e)

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.roots import implicit, solve_small, with_derivatives_of
+from softgrip_jax.numerics.implicit import implicit, with_derivatives_of
+from softgrip_jax.numerics.small_linear import solve_small
 
 RANDOM = settings(max_examples=30, deadline=None, derandomize=True)
 

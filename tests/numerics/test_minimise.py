@@ -104,7 +104,7 @@ def test_how_far_a_step_of_the_load_goes_does_not_matter(largest_step):
     assert (found.evaluations > 1.7 / largest_step) or largest_step > 1.7
 
 
-@pytest.mark.parametrize("guess", [1.4, -1.4])
+@pytest.mark.parametrize("guess", [1.4, -1.4, 1.9, -1.9, 2.5, -2.5])
 def test_newtons_method_does_not_run_away_from_a_poor_guess(guess):
     """sqrt(1 + y^2): full steps from beyond y = 1 lead ever farther; each must lower the energy."""
 
@@ -120,6 +120,24 @@ def test_newtons_method_does_not_run_away_from_a_poor_guess(guess):
     found = softer(jnp.asarray(guess), jnp.asarray(0.1))
     assert found.reached
     assert float(found.y[0]) == pytest.approx(0.1 / np.sqrt(1 - 0.01), rel=1e-14)
+    assert found.evaluations <= 12
+
+
+def test_a_step_that_hardly_lowers_the_energy_is_cut():
+    """From y = 1 - e Newton's method for sqrt(1 + y^2) leads to -(1 - 3 e), lower by nothing to speak of, and so on."""
+
+    @jax.jit
+    def softer(guess):
+        def energy(y, load):
+            return jnp.sqrt(1 + y[0] ** 2) - load * y[0]
+
+        expansion = expansion_of(energy, lambda y: jnp.zeros(0), jnp.zeros(0), 1.0)
+        none, load = jnp.zeros(0), jnp.asarray(1e-9)
+        return minimise(expansion, (jnp.zeros(1), none), jnp.zeros(()), (guess[None], none), load, 1.0)
+
+    found = softer(jnp.asarray(1 - 1e-7))
+    assert found.reached
+    assert float(found.y[0]) == pytest.approx(1e-9, rel=1e-6)
     assert found.evaluations <= 12
 
 
@@ -219,3 +237,79 @@ def test_lanes_of_a_batch_are_what_they_are_alone():
         alone = _softening(powers, load, 10.0)
         assert (batch.reached[k], batch.lost[k]) == (alone.reached, alone.lost)
         np.testing.assert_allclose(batch.y[k], alone.y, rtol=1e-12)
+
+
+# --- contact along a path of loads ------------------------------------------------------------------------------------
+
+
+@jax.jit
+def _on_a_wall(powers, load, largest_step, hold):
+    """z with the energy sum of powers[k] z^(k + 2) - load z, beside w, which the load presses on a wall at 0.01; the
+    wall's force is hold * load - 0.01 (of a spring of stiffness one)."""
+
+    def energy(y, load):
+        z, w = y
+        return jnp.sum(powers * z ** jnp.arange(2, 6)) - load * z + 0.5 * w**2 - hold * load * w
+
+    expansion = expansion_of(energy, lambda y: 0.01 - y[1:], jnp.ones(1), 1.0)
+    guess = jnp.stack([load / (2 * powers[0]), hold * load]), jnp.zeros(1)
+    return minimise(expansion, (jnp.zeros(2), jnp.zeros(1)), jnp.zeros(()), guess, load, largest_step)
+
+
+def test_in_contact_multipliers_are_foretold_from_load_to_load():
+    """Linear: after the first steps every load takes one look, for y and multipliers lie on a straight line."""
+    found = _on_a_wall(jnp.array([0.5, 0, 0, 0]), jnp.asarray(2.0), 0.1, 1.0)
+    assert found.reached
+    np.testing.assert_allclose(found.y, [2.0, 0.01], rtol=1e-14)
+    np.testing.assert_allclose(found.multipliers, [1.99], rtol=1e-13)
+    np.testing.assert_allclose([found.slope[0][1], found.slope[1][0]], [0, 1], atol=1e-14)
+    assert 20 <= found.evaluations <= 20 + 5
+
+
+FAR = [(11, 0.3038, 2.785), (35, 1.252, 2.874), (55, 0.5993, 1.563)]
+"""Programs of `random_program` by their seed, with rho and the load."""
+
+
+def test_contact_may_bend_into_shapes_that_the_guess_does_not_know():
+    """z^2 / 40 + w^2 / 2 - load w under w <= 0.01 + z / 2: without the wall z = 0, with it z = (load - 0.01) / 0.6."""
+
+    @jax.jit
+    def pressed(load):
+        expansion = expansion_of(
+            lambda y, load: y[0] ** 2 / 40 + 0.5 * y[1] ** 2 - load * y[1],
+            lambda y: (0.01 + 0.5 * y[0] - y[1])[None],
+            jnp.ones(1),
+            1.0,
+        )
+        none = jnp.zeros(1)
+        guess = jnp.stack([0 * load, load]), none
+        return minimise(expansion, (jnp.zeros(2), none), jnp.zeros(()), guess, load, 10.0)
+
+    found = pressed(jnp.asarray(2.0))
+    assert found.reached
+    z = 1.99 / 0.6
+    np.testing.assert_allclose(found.y, [z, 0.01 + z / 2], rtol=1e-13)
+    assert found.evaluations <= 8
+
+
+@pytest.mark.parametrize(("seed", "rho", "load"), FAR)
+def test_where_a_guess_is_far_off_the_load_comes_in_parts(seed, rho, load):
+    """Programs whose minimum is far from the first guess: a load step that fails says nothing of a largest load."""
+    hessian, pull, slopes, offsets, weights = random_program(seed)
+    y, multipliers = quadratic_program(hessian, load * pull, slopes, offsets, weights)
+    found = _pressed(hessian, pull, slopes, offsets, weights, rho, load)
+    assert found.reached
+    assert found.evaluations <= 65
+    np.testing.assert_allclose(found.y, y, atol=1e-12)
+    np.testing.assert_allclose(found.multipliers, multipliers, atol=1e-11)
+
+
+@pytest.mark.parametrize("load", [0.55, 0.7, 3.0])
+def test_in_contact_too_a_minimum_behind_a_largest_load_is_not_leapt_to(load):
+    """z as in the softening spring above: its load is largest at z = 1/2, and rises again from z = 4."""
+    highest = 1 - 9 / 16 + 1 / 24
+    found = _on_a_wall(jnp.array([1.0, -3 / 4, 1 / 12, 0]), jnp.asarray(load), 10.0, 1.0)
+    assert found.lost
+    assert highest - 1e-3 < float(found.load) <= highest
+    assert float(found.y[0]) < 0.5
+    assert float(found.y[1]) == pytest.approx(0.01, rel=1e-12)

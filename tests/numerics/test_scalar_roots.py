@@ -7,7 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.roots import MAX_BRACKET_STEPS, bracketed_root, newton_bracketed, select
+from softgrip_jax.numerics.choice import select
+from softgrip_jax.numerics.scalar_roots import MAX_BRACKET_STEPS, bracketed_root, newton_bracketed
 
 RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
 EPS = np.finfo(float).eps

@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from softgrip_jax.numerics.collocation import gauss_points, integrals, remaining
-from softgrip_jax.numerics.roots import ELIMINATED, solve_and_sign
+from softgrip_jax.numerics.small_linear import ELIMINATED, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 

@@ -21,7 +21,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...numerics.roots import implicit, newton_bracketed
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import newton_bracketed
 from ..finger import PneuNet
 from ..section.base import SectionLaw
 from . import form

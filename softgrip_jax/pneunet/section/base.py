@@ -19,7 +19,8 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...numerics.roots import implicit, newton_bracketed
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import newton_bracketed
 
 Scalar = Float[Array, ""]
 
@@ -27,6 +28,10 @@ Scalar = Float[Array, ""]
 class SectionLaw(eqx.Module):
     """m, n <-> z, lambda of one cross-section."""
 
+    NAME: ClassVar[str] = ""
+    """The name by which configs choose it; none for a law that only Python makes."""
+    stretches_at_all: ClassVar[bool] = True
+    """Whether an axial force stretches it."""
     largest_moment: ClassVar[float] = np.inf
     """The supremum of |m| without an axial force, where it is known; inf where it is not, or there is none."""
 

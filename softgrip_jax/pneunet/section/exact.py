@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ...numerics.roots import bracketed_root
+from ...numerics.scalar_roots import bracketed_root
 from .base import Scalar, SectionLaw
 
 # --- exact, neo-Hookean -------------------------------------------------------------------------------------------

@@ -10,6 +10,9 @@ from .base import Scalar, SectionLaw
 class Inextensible(SectionLaw):
     """lambda = 1, M = mu B H^3 theta'/3 (Euler-Bernoulli, plane strain): m = z/3. It knows no axial force."""
 
+    NAME = "inextensible"
+    stretches_at_all = False
+
     def __call__(self, m, n):
         return 3 * m + 0 * n, jnp.ones_like(m + n)
 

@@ -9,7 +9,9 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from ...materials.base import Material
-from ...numerics.roots import implicit, newton_bracketed, solve_small
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import newton_bracketed
+from ...numerics.small_linear import solve_small
 from ...results import stop_gradient_where_failed
 from .base import Scalar, SectionLaw
 from .exact import LARGEST_STRETCH, ExactNeoHookean

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jax import lax
 
-from ...numerics.roots import implicit
+from ...numerics.implicit import implicit
 from .base import SectionLaw
 from .exact import axial_stretch
 
@@ -20,6 +20,7 @@ class Thesis(SectionLaw):
     not the derivative of an energy.
     """
 
+    NAME = "thesis"
     largest_moment = 1 / 6
 
     def __call__(self, m, n):

@@ -16,7 +16,8 @@ from ...curve_scene import CurveScene
 from ...errors import InputError
 from ...fields import finite, part
 from ...membrane import InclinedWall, inclined_wall
-from ...numerics.roots import bracketed_root, implicit
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import bracketed_root
 from ...reasons import RULE_NAMES
 from ...scene import frozen
 from ...shell.flat_shell import has_largest_stretch, locking_angle

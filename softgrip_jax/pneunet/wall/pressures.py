@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool
 from ...errors import InputError
 from ...fields import is_concrete, to_float_array
 from ...numerics.choice import larger
-from ...numerics.roots import bracketed_root, implicit, newton_bracketed
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import bracketed_root, newton_bracketed
 from ...numerics.xla import differentiated_once
 from ...questions import contact_pressure as scene_contact_pressure
 from ...questions import limit_pressure, solve

@@ -10,7 +10,8 @@ from jax import lax
 from ...curve_scene import Approach
 from ...fields import positive, right_angle
 from ...membrane import arc_chain, first_contact_angle, inclined_wall
-from ...numerics.roots import bracketed_root, implicit
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import bracketed_root
 from ...scene import Scene, frozen
 from ..energy.contacts import EnergyInclined
 from ..flat_shell import Scalar, ShellScene

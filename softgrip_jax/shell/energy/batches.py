@@ -17,8 +17,8 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Float
 
+from ...numerics.choice import select
 from ...numerics.minimise import Minimum
-from ...numerics.roots import select
 
 Scalar = Float[Array, ""]
 Numbers = Float[Array, " m"]

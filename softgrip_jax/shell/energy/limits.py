@@ -10,8 +10,8 @@ from jax import lax
 from jax.custom_batching import sequential_vmap
 from jaxtyping import Array
 
+from ...numerics.continuation import fold_load
 from ...numerics.control import hold, top
-from ...numerics.paths import fold_load
 from ...results import Solution, Status, stop_gradient_where_failed
 from ...scene import Found, frozen
 from ..flat_shell import Scalar

@@ -12,8 +12,8 @@ from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
 from ...fields import part
+from ...numerics.implicit import implicit
 from ...numerics.minimise import Expansion, Minimum, minimise
-from ...numerics.roots import implicit
 from ...results import Status, stop_gradient_where_failed
 from ...scene import Found, Scene, frozen
 from ..flat_shell import FlatShell, Scalar

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ...numerics.roots import implicit
+from ...numerics.implicit import implicit
 from ...results import Solution, Status, stop_gradient_where_failed
 from ...scene import Found, frozen
 from ..flat_shell import Scalar

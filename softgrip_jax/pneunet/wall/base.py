@@ -1,0 +1,38 @@
+"""What pressure does to a chamber, as a model of a user's own: `drive=MyWall(...)`."""
+
+from __future__ import annotations
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..finger import PneuNet
+
+Scalar = Float[Array, ""]
+
+
+class WallModel(eqx.Module):
+    """The moment that a pressure in two neighbouring chambers exerts on the cover between them.
+
+    Written for one chamber at one pressure, with functions that JAX can differentiate. Its float leaves can be varied.
+    """
+
+    @abc.abstractmethod
+    def end_moment(self, finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
+        """M_T, N m, positive in the bending direction, zero below contact.
+
+        Args:
+            finger: with one chamber's dimensions.
+            pressure: Pa.
+            inclination: theta_s of the walls, rad, zero or more.
+        """
+
+    @abc.abstractmethod
+    def largest_pressure(self, finger: PneuNet) -> Scalar:
+        """Where the model ends, Pa; finite."""
+
+    def contact_pressure(self, finger: PneuNet) -> Scalar:
+        """Where the walls begin to press on each other, Pa; zero by default."""
+        return jnp.zeros_like(finger.L)
