@@ -104,6 +104,7 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
     """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
     import cloudpickle
     from distributed import wait
+    from distributed.comm import CommClosedError
     from distributed.scheduler import KilledWorker
 
     from .worker import StudyPlugin, run_range
@@ -131,12 +132,10 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
                 ranges.learn(len(blocks), seconds)
                 tell(count, kind)
         client.unregister_worker_plugin(name)
-    except (KilledWorker, asyncio.CancelledError, TimeoutError, RuntimeError, EOFError, ConnectionError) as error:
-        if isinstance(error, KilledWorker):
-            why = "the same designs have ended several workers"
-        else:
-            why = " ".join(str(error).split()).rstrip(".") or "the scheduler was lost"
-        raise ConfigError(f"The study was not finished: {why}; {AGAIN} to go on.") from None
+    except KilledWorker:
+        raise ConfigError(f"The study was not finished: the same designs ended several workers; {AGAIN}.") from None
+    except (asyncio.CancelledError, CommClosedError, TimeoutError):
+        raise ConfigError(f"The study was not finished: the scheduler was lost; when it is back, {AGAIN}.") from None
 
 
 class _Ranges:

@@ -81,8 +81,13 @@ def opened(place: str | Path, chunks: dict[str, int] | None = None) -> xr.Datase
 
 def _dataset(address: str, chunks: dict[str, int] | None = None) -> xr.Dataset:
     data = xr.open_dataset(_target(address), engine="zarr", consolidated=False, chunks=chunks)
-    # Zarr has no type for words yet that all its readers know: these are in the attributes.
-    return data.assign_coords(by_names(data.attrs[BEGUN]["varied"])) if BY in data.dims else data
+    said = data.attrs[BEGUN]
+    # A store has no order: that of the study is in the attributes. So are the names of what the derivatives are taken
+    # by: Zarr has no type for words yet that all its readers know.
+    coords: dict[str, Any] = {name: data[name].variable for name in said["varied"]}
+    coords |= by_names(said["varied"]) if BY in data.dims else {}
+    variables = {name: data[name].variable for name in said["variables"] if name not in coords}
+    return xr.Dataset(variables, coords, data.attrs)
 
 
 def run_in(
@@ -113,6 +118,7 @@ def run_in(
     try:
         if previous is None:
             state = {"begun": begun, "varied": study.leaves.names, "finished": False}
+            state["variables"] = [column.name for column in columns(study)]
             _make(address, study, state | {"devices": [here] if spread is None else []})
         else:
             differing = [k for k, v in begun.items() if previous["begun"].get(k) != v]
