@@ -21,14 +21,17 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
+from softgrip_jax.commands.programs import QUICKLY, SIDE_BY_SIDE, program
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import AT_REST, Quantity, QuantitySet, State, named
+from softgrip_jax.numerics.nearby import Known, root_nearby
+from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
-from softgrip_jax.results import Status, in_units
+from softgrip_jax.results import Solution, Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
 from .laws import differing_laws
+from .nearby import can_begin_nearby, is_covered, known_state, state_at
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
 
@@ -155,6 +158,9 @@ class Problem:
         """Sentences about scenes that treat what they share by different laws."""
         if self.different_laws and not different_laws:
             raise InputError(f"{self.different_laws[0][:-1]}; give them the same, or set different_laws = true.")
+        self.about = ""
+        """Everything that the problem is made of, in words, where its programs are to be kept for the next process."""
+        self._programs: dict[str, Any] = {}
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
@@ -200,29 +206,101 @@ class Problem:
         home: unit values of a design towards which one goes that knows no other way back; by default the starting one.
         """
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
-        states, asked_for = self.measured.states, [name for name, at in self.measured.states if at != AT_REST]
+        asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
         found = self.measured.measure(scenes, limits)
-        values, statuses = found.values, found.statuses
         shortfalls = [
             _shortfall(scenes[name], at, status, limits.get(name))
-            for (name, at), status in zip(states, statuses, strict=True)
+            for (name, at), status in zip(self.measured.states, found.statuses, strict=True)
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
-        lost = 1 + jnp.mean((t - home) ** 2)
-        good, missing = statuses == Status.OK, jnp.stack(shortfalls)
+        return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2))
+
+    def _judged(self, found: Observed, missing: Float[Array, " s"], lost: Scalar) -> Measured:
+        """What was found, with rules. missing: by how much each state is, `lost` where that is not known."""
+        states, statuses = self.measured.states, found.statuses
+        good = statuses == Status.OK
         missing = jnp.where(good, 0.0, jnp.where(jnp.isfinite(missing), missing, lost))
         # A quantity that is not known of a solved state (a limit that was not found) is no kept constraint.
         state_of = np.array(self.measured.state_of)
-        unknown = jnp.zeros(len(states), bool).at[state_of].max(jnp.isnan(values))
+        unknown = jnp.zeros(len(states), bool).at[state_of].max(jnp.isnan(found.values))
         missing = jnp.where(good & unknown, lost, missing)
         # At a pressure too low to touch there are zeros to report, but nothing to improve by.
-        values = jnp.where(good[state_of], values, jnp.nan)
+        values = jnp.where(good[state_of], found.values, jnp.nan)
         margins = values[np.array([self.measured.index(rule) for rule in self.rules], int)]
         reported = with_rules_on(found, states, self.rules, jax.lax.stop_gradient(margins))
         own = np.array([states.index(state) for state in self.asked.states])
         return Measured(values, jnp.sum(missing), *(column[own] for column in reported[1:]))
+
+    @cached_property
+    def followed(self) -> list[tuple[str, State]]:
+        """The states that a design nearby gives a good guess of."""
+        return [
+            (name, at)
+            for name, at in self.measured.states
+            if at is not None and at != AT_REST and can_begin_nearby(self.space.scenes[name])
+        ]
+
+    def solve(self, t: Float[Array, " n"]) -> tuple[Measured, tuple[Solution, ...]]:
+        """`measure` along the whole way from zero load, without derivatives and without the limits that only a design
+        without equilibrium needs: its shortfall is just positive. And the solutions of the `followed` states."""
+        scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
+        solutions = {(name, at): solution_at(scenes[name], at) for name, at in self.followed}
+        found = self.measured.measure(scenes, solutions=solutions)
+        return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(())), tuple(solutions.values())
+
+    def known(self, solutions: Sequence[Solution]) -> tuple[Known, ...]:
+        """The solutions of the `followed` states, one design or a batch, as places to begin from."""
+
+        def each(solutions):
+            return tuple(known_state(at, s) for (_, at), s in zip(self.followed, solutions, strict=True))
+
+        batch = solutions[0].status.ndim
+        return jax.vmap(each)(tuple(solutions)) if batch else each(solutions)
+
+    def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
+        """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""
+        measured = self.measured
+
+        def scenes_at(t):
+            return without_rules(self.space.scenes_at(self.space.from_unit(t)))
+
+        def elsewhere(t):
+            """What is asked of no state that is followed."""
+            return measured.only([s for s in measured.states if s not in self.followed]).measure(scenes_at(t))
+
+        values = jnp.full(len(measured.quantities), jnp.nan)
+        slopes = jnp.zeros((len(measured.quantities), len(t)))
+        statuses = jnp.full(len(measured.states), int(Status.NOT_CONVERGED))
+
+        def put(states, new_values, new_slopes, new_statuses):
+            nonlocal values, slopes, statuses
+            rows = np.array([k for k, q in enumerate(measured.quantities) if q.state in states], int)
+            values, slopes = values.at[rows].set(new_values), slopes.at[rows].set(new_slopes)
+            statuses = statuses.at[np.array([measured.states.index(s) for s in states], int)].set(new_statuses)
+
+        found, after = elsewhere(t), []
+        put(
+            *([s for s in measured.states if s not in self.followed], found.values),
+            *(jax.jacfwd(lambda t: elsewhere(t).values)(t), found.statuses),
+        )
+        for (name, at), place in zip(self.followed, known, strict=True):
+
+            def equations(u, t, name=name, at=at):
+                scenes = scenes_at(t)
+                residual, solution = state_at(scenes[name], at, u)
+                return residual, measured.only([(name, at)]).measure(scenes, solutions={(name, at): solution}).values
+
+            near = root_nearby(equations, t, place)
+            scene = scenes_at(t)[name]
+            good = near.good & is_covered(scene, at, state_at(scene, at, near.known.u)[1])
+            put([(name, at)], near.observed, near.slopes, jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED)))
+            after.append(near.known)
+        number = jnp.zeros(len(statuses), int)
+        observed = Observed(values, statuses, number, number * jnp.nan)
+        ones = jnp.ones(len(statuses))
+        return self._judged(observed, ones, ones[0]), slopes, tuple(after)
 
     def home(self) -> np.ndarray:
         """Unit values of the starting design, moved off the bounds."""
@@ -231,6 +309,22 @@ class Problem:
     @cached_property
     def _batched(self) -> Any:
         return jax.jit(jax.vmap(self.measure_with_slopes, in_axes=(0, None)))
+
+    def solved(self, t: Any) -> tuple[Measured, tuple[Solution, ...]]:
+        """`solve` of a batch."""
+        return self._program(self.solve, QUICKLY, t)
+
+    def solved_nearby(self, t: Any, known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
+        """`solve_nearby` of a batch."""
+        return self._program(self.solve_nearby, SIDE_BY_SIDE, t, known)
+
+    def _program(self, function: Any, options: dict[str, Any], *rows: Any) -> Any:
+        """function of every row, by a program that is compiled once."""
+        if function.__name__ not in self._programs:
+            batched = jax.jit(jax.vmap(function))
+            kept = program(batched, *rows, about=self.about, options=options) if self.about else batched
+            self._programs[function.__name__] = kept
+        return self._programs[function.__name__](*rows)
 
     def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""

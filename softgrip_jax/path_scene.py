@@ -440,8 +440,13 @@ class _Surplus(NamedTuple):
     name: str
 
     def __call__(self, target: Scalar, _: Any, observed: dict[str, Array]) -> Scalar:
-        size = jnp.abs(lax.stop_gradient(target))
-        return (observed[self.name] - target) / jnp.where(size > 0, jnp.maximum(size, 1e-12), 1.0)
+        return surplus_over(self.name, target, observed)
+
+
+def surplus_over(name: str, target: Scalar, observed: dict[str, Array]) -> Scalar:
+    """An observable less its target, over the target (in SI where that is zero)."""
+    size = jnp.abs(lax.stop_gradient(target))
+    return (observed[name] - target) / jnp.where(size > 0, jnp.maximum(size, 1e-12), 1.0)
 
 
 def _to_moderate(span: LoadPath) -> tuple[Ray, Scalar]:

@@ -16,6 +16,7 @@ the undeformed parts need no state (their state is called "rest", whatever is gi
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -112,6 +113,15 @@ class QuantitySet:
         """The place of each quantity's state among them."""
         self.several = len(scenes) > 1
 
+    def only(self, states: Sequence[tuple[str, State]]) -> QuantitySet:
+        """The part of the list that is about some of its states."""
+        part = copy.copy(self)
+        kept = [k for k, q in enumerate(self.quantities) if q.state in states]
+        part.quantities, part.kinds = [self.quantities[k] for k in kept], [self.kinds[k] for k in kept]
+        part.states = [state for state in self.states if state in states]
+        part.state_of = [part.states.index(q.state) for q in part.quantities]
+        return part
+
     def index(self, quantity: Quantity) -> int:
         return self.quantities.index(quantity)
 
@@ -127,9 +137,15 @@ class QuantitySet:
             labels.append(f"{scene} at {words}" if self.several else words)
         return labels
 
-    def measure(self, scenes: Scenes, limits: Mapping[str, Scalar] | None = None) -> Observed:
-        """All quantities of one design, each state solved once; `limits`: limit pressures that are known already."""
-        limits = dict(limits or {})
+    def measure(
+        self,
+        scenes: Scenes,
+        limits: Mapping[str, Scalar] | None = None,
+        solutions: Mapping[tuple[str, State], Solution] | None = None,
+    ) -> Observed:
+        """All quantities of one design, each state solved once; `limits`, `solutions`: what is known already, limit
+        pressures by the scene's name and solutions by state."""
+        limits, solutions = dict(limits or {}), solutions or {}
         for q in self.quantities:
             if q.observable in (LIMIT_PRESSURE, LIMIT_MARGIN) and q.scene not in limits:
                 limits[q.scene] = limit_pressure(scenes[q.scene])
@@ -138,7 +154,9 @@ class QuantitySet:
         for state in self.states:
             name, at = state
             limit = limits.get(name)
-            solution = None if at is None or at == AT_REST else solution_at(scenes[name], at)
+            solution = solutions.get(state)
+            if solution is None and at is not None and at != AT_REST:
+                solution = solution_at(scenes[name], at)
             margins: Mapping[str, Scalar] = {}
             if solution is not None:
                 status, reason, detail = solution.status, solution.reason, solution.detail

@@ -8,9 +8,10 @@ import threading
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 import pytest
 from conftest import ROOT
-from helpers import shell
+from helpers import MATERIALS, shell
 from scipy.optimize import differential_evolution
 
 import softgrip_jax as sg
@@ -72,6 +73,42 @@ def test_constrained_optimum_is_the_published_one():
     np.testing.assert_allclose(found.best.x, [0, 1, 2, -1], atol=1e-4)
     assert found.best.violation <= FEASIBLE
     assert found.best.active == ("force_z at required at most 8 N", "flat_length at required at most 5000 mm")
+
+
+def test_the_descent_alone_comes_near():
+    found = search(rosen_suzuki(), starts=16, steps=300, finishes=0)
+    assert found.best.objective == pytest.approx(-44, rel=2e-3)
+    assert found.descended == found.best.objective
+    assert found.paths.shape == (len(found.history["moving"]), 16)
+    assert np.nanmin(found.paths) == pytest.approx(-44, rel=2e-3)
+    assert 12 <= found.reached[0] <= 16  # a convex problem
+
+
+def test_any_transformation_of_optax_will_do():
+    rule = optax.chain(optax.scale_by_adam(), optax.scale(-0.05))
+    found = search(rosen_suzuki(), starts=8, steps=100, optimiser=rule)
+    assert found.best.objective == pytest.approx(-44, abs=1e-5)
+
+
+def test_a_finger_is_solved_from_the_nearest_one():
+    """By the same numbers as along the whole way, with derivatives that differences confirm."""
+    finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
+    held = sg.pneunet.TipContact(finger, points=6)
+    space = Space({"held": held}, [Variable("finger.a", 4 * mm, 6 * mm), Variable("finger.H", 4 * mm, 6 * mm)])
+    force = Quantity("tip_force", 25 * kPa, "held")
+    evaluate = searching.Evaluator(Problem(space, [Goal("maximise", force)]), 4)
+    t = np.random.default_rng(3).uniform(0.05, 0.95, (40, 2))
+    found, whole = evaluate(t), evaluate.solve(t)
+    assert np.all(found.shortfall == 0)
+    np.testing.assert_allclose(found.values, whole.values, rtol=1e-9)
+    step = 1e-4
+    for k in range(2):
+        up, down = (evaluate.solve(t + sign * step * np.eye(2)[k]).values[:, 0] for sign in (1, -1))
+        np.testing.assert_allclose(found.value_slopes[:, 0, k], (up - down) / (2 * step), rtol=1e-4)
+    assert len(evaluate.at) == 41  # the first one is solved along the whole way, and then again from there
+
+
+SIZES = {"a": 5, "b": 8, "h_x": 0.9, "t_m": 1.1, "h_L": 4.2, "H": 5, "B": 20, "L": 77}
 
 
 def test_what_was_found_until_it_is_stopped_is_kept():

@@ -53,6 +53,9 @@ LOOSELY_FEASIBLE = 1e-2
 """The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
 multipliers approach a constraint from its broken side, and the finish removes what is left."""
 
+ROOM = 1e-4
+"""The descent keeps this much room to every constraint (scaled), so that its ends are feasible by themselves."""
+
 STALLED = 2e-3
 """A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps: it is in
 the basin of its optimum, and the finish does the rest."""
@@ -74,6 +77,15 @@ CPU_CHUNK = 16
 """Lanes per call on a CPU at most, where a lane alone costs as much as a lane in a batch: as many as are finished
 together, so that no call is filled up with copies. Elsewhere a chunk holds all the starts."""
 
+NEARBY_CHUNK = 64
+"""Designs that are solved together from what is known nearby."""
+
+ROUNDS = 6
+"""Each with a new Jacobian: from a design far away Newton's method takes four or five."""
+
+REMEMBERED = 2048
+"""Designs that a search knows as places to begin from: 13 kB each for the beam of a finger."""
+
 NO_EQUILIBRIUM_RANK = NO_EQUILIBRIUM_RANK
 """Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
@@ -91,34 +103,117 @@ class Evaluated(NamedTuple):
 
 
 class Evaluator:
-    """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves."""
+    """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves.
+
+    It remembers where it has been: a design is solved from the nearest one that it knows (`Problem.solve_nearby`), and
+    along the whole way from zero load (`Problem.solve`) only where that does not lead to an equilibrium; what has none
+    asks `Problem.compiled` how far it is from one. Each of the three is compiled when it is first needed.
+    """
 
     def __init__(self, problem: Problem, chunk: int):
         self.problem, self.chunk, self.solves = problem, chunk, 0
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
+        self.is_near = bool(problem.followed)
+        self.at = np.zeros((0, problem.space.size))
+        """Unit values of the designs that are known, the latest last, and their states."""
+        self.places: Any = None
 
     def __call__(self, t: Any) -> Evaluated:
+        """The designs at rows of unit values, with derivatives."""
         t = np.atleast_2d(np.asarray(t, dtype=float))
         self.solves += len(t)
-        parts = []
-        for start in range(0, len(t), self.chunk):
-            rows = t[start : start + self.chunk]
-            missing = self.chunk - len(rows)
-            parts.append(
-                self.problem.compiled(
-                    jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])), self.home
-                )
-            )
-        found, slopes = jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[: len(t)], *parts)
+        if not self.is_near:
+            return self._with_shortfalls(t)
+        if not len(self.at):
+            self._begin(t[:1])
+        found, left = self._nearby(t) if len(self.at) else (None, np.arange(len(t)))
+        if len(left):
+            # What has an equilibrium all the same is known now, and found at once.
+            self._begin(t[left])
+            if found is not None or len(self.at):
+                again, still = self._nearby(t[left])
+                found = again if found is None else jax.tree.map(partial(_replaced, left), found, again)
+                left = left[still]
+        if len(left):
+            lost = self._with_shortfalls(t[left])
+            found = lost if found is None else jax.tree.map(partial(_replaced, left), found, lost)
+        return found
+
+    def solve(self, t: Any) -> Evaluated:
+        """The designs along the whole way from zero load, as `sg.solve` does it; without derivatives."""
+        t = np.atleast_2d(np.asarray(t, dtype=float))
+        self.solves += len(t)
+        if not self.is_near:
+            return self._with_shortfalls(t)
+        return _evaluated(self._solve(t)[0], t.shape[1])
+
+    def _with_shortfalls(self, t: np.ndarray) -> Evaluated:
+        found, slopes = self._in_chunks(lambda t: self.problem.compiled(t, self.home), self.chunk, t)
         return Evaluated(
             found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses, found.reasons, found.details
         )
 
+    def _solve(self, t: np.ndarray) -> Any:
+        return self._in_chunks(self.problem.solved, self.chunk, t)
+
+    def _begin(self, t: np.ndarray) -> None:
+        """Get to know designs along the whole way from zero load."""
+        found, solutions = self._solve(t)
+        self._remember(t, jax.tree.map(np.asarray, self.problem.known(solutions)), found.shortfall == 0)
+
+    def _nearby(self, t: np.ndarray) -> tuple[Evaluated, np.ndarray]:
+        """What is found from the designs that are known, and the rows that are not found so."""
+        nearest = np.argmin(np.sum((t[:, None] - self.at[None]) ** 2, axis=-1), axis=1)
+        known = jax.tree.map(lambda v: v[nearest], self.places)
+        left, found = np.arange(len(t)), None
+        for _ in range(ROUNDS):
+            measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
+            fresh = _evaluated(measured, t.shape[1], slopes)
+            found = fresh if found is None else jax.tree.map(partial(_replaced, left), found, fresh)
+            good = fresh.shortfall == 0
+            self._remember(t[left], known, good)
+            on = ~good & np.all([np.all(np.isfinite(place.u), axis=1) for place in known], axis=0)
+            known, left = jax.tree.map(lambda v, on=on: v[on], known), left[on]
+            if not len(left):
+                break
+        return found, np.flatnonzero(found.shortfall > 0)
+
+    def _remember(self, t: np.ndarray, known: Any, good: np.ndarray) -> None:
+        """Keep the good ones of what was solved, and forget the oldest."""
+        known = jax.tree.map(lambda v: v[good], known)
+        self.at = np.concatenate([self.at, t[good]])[-REMEMBERED:]
+        both = (known,) if self.places is None else (self.places, known)
+        self.places = jax.tree.map(lambda *v: np.concatenate(v)[-REMEMBERED:], *both)
+
+    def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
+        """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""
+        count, parts = len(rows[0]), []
+        for start in range(0, count, size):
+            part = jax.tree.map(lambda v, start=start: v[start : start + size], rows)
+            filled = jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part)
+            parts.append(program(*filled))
+        return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
+
+
+def _evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
+    """What was solved, without a way back where there is no equilibrium."""
+    count = len(found.values)
+    by_t = np.full((*found.values.shape, variables), np.nan) if slopes is None else slopes
+    return Evaluated(
+        found.values,
+        by_t,
+        found.shortfall,
+        np.zeros((count, variables)),
+        found.statuses,
+        found.reasons,
+        found.details,
+    )
+
 
 def chunk_for(starts: int, finishes: int) -> int:
     """Lanes per call, see CPU_CHUNK."""
-    return min(starts, finishes, CPU_CHUNK) if jax.default_backend() == "cpu" else starts
+    return min(starts, max(finishes, 1), CPU_CHUNK) if jax.default_backend() == "cpu" else starts
 
 
 class SearchMember(NamedTuple):
@@ -133,6 +228,8 @@ class SearchMember(NamedTuple):
     penalty: Float[Array, ""]
     last_violation: Float[Array, ""]
     rest: Int[Array, ""]
+    rank: Float[Array, ""]
+    """Of the design before the last step."""
     best_t: Float[Array, " n"]
     best_rank: Float[Array, ""]
 
@@ -187,6 +284,12 @@ class SearchResult:
     seconds: dict[str, float]
     stopped: bool = False
     """By Ctrl-C: the designs are the best until then, and not finished."""
+    paths: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    """The objective of every start at every step, shape (steps, starts); NaN where it is not (nearly) feasible."""
+    descended: float = float("nan")
+    """The objective of the best feasible design before the finish: what the descent alone has found."""
+    reached: tuple[int, ...] = ()
+    """How many starts ended within REGION of each of the `designs`."""
     remarks: tuple[str, ...] = ()
     """What scales the goals where the starting design does not, see `objectives.Scaling`."""
 
@@ -200,7 +303,7 @@ def search(
     *,
     starts: int = 256,
     steps: int = 150,
-    optimiser: str = "adam",
+    optimiser: str | optax.GradientTransformation = "adam",
     learning_rate: float = 0.1,
     finishes: int = FINISHED,
     seed: int = 0,
@@ -217,18 +320,18 @@ def search(
         problem: variables, goals and limits.
         starts: number of lanes.
         steps: of the optimiser at most; lanes at rest stop before.
-        optimiser: name of an optax optimiser, see OPTIMISERS.
-        learning_rate: in free variables, whose range is pi.
-        finishes: lanes that are finished, the best of as many regions of the cube.
+        optimiser: name of an optax optimiser, see OPTIMISERS, or any transformation of gradients that optax knows.
+        learning_rate: in free variables, whose range is pi; a transformation of your own has its own.
+        finishes: lanes that are finished, the best of as many regions of the cube; 0 for the descent alone.
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible lanes, moving lanes).
         remark: called with a sentence where the starting design has no answer.
     """
-    if optimiser not in OPTIMISERS:
+    if isinstance(optimiser, str) and optimiser not in OPTIMISERS:
         raise InputError(f"The optimiser is {optimiser!r}; it must be one of {', '.join(OPTIMISERS)}.")
-    for name, number in (("starts", starts), ("steps", steps), ("finishes", finishes)):
-        if number < 1:
-            raise InputError(f"{name} is {number}; it must be 1 or more.")
+    for name, number, least in (("starts", starts, 1), ("steps", steps, 1), ("finishes", finishes, 0)):
+        if number < least:
+            raise InputError(f"{name} is {number}; it must be {least} or more.")
     space, began = problem.space, time.perf_counter()
     evaluate = Evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)
@@ -248,8 +351,9 @@ def search(
     def score(values: Any) -> tuple[Judged, Judged]:
         return judging(values, scaling.scales)
 
-    rate = optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE)
-    rule = optax.chain(optax.clip_by_global_norm(STEEPEST), getattr(optax, optimiser)(rate))
+    if isinstance(optimiser, str):
+        optimiser = getattr(optax, optimiser)(optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE))
+    rule = optax.chain(optax.clip_by_global_norm(STEEPEST), optimiser)
     lanes = _begin(start_t, len(problem.constrained), rule)
     advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
     # Called for nothing, to be compiled.
@@ -257,26 +361,24 @@ def search(
     advance(scaling.scales, lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
-    lanes, history, stopped = _descend(lanes, evaluate, advance, scaling, steps, report)
+    lanes, history, paths, stopped = _descend(lanes, evaluate, advance, scaling, steps, report)
     descended = time.perf_counter()
     remarks = scaling.remarks()
     for sentence in remarks:
         remark(sentence)
 
-    candidates = np.asarray(lanes.best_t)[
-        _distinct(np.asarray(lanes.best_t), np.asarray(lanes.best_rank), REGION)[:finishes]
-    ]
-    finished = candidates
-    if not stopped:
+    ends = np.asarray(lanes.best_t)
+    candidates = ends[_distinct(ends, np.asarray(lanes.best_rank), REGION)[: max(finishes, 1)]]
+    designs = designs_at(problem, score, evaluate, candidates)
+    alone = min((d.objective for d in designs if d.feasible), default=float("nan"))
+    if finishes and not stopped:
         try:
             finished = finish(candidates, evaluate, problem, scaling.scales, score)
+            # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
+            both = zip(designs_at(problem, score, evaluate, finished), designs, strict=True)
+            designs = [after if after.rank <= before.rank else before for after, before in both]
         except KeyboardInterrupt:
             stopped = True
-    # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
-    both = zip(
-        designs_at(problem, score, evaluate, finished), designs_at(problem, score, evaluate, candidates), strict=True
-    )
-    designs = [after if after.rank <= before.rank else before for after, before in both]
     order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
     chosen = [designs[k] for k in order]
     if chosen[0].feasible:
@@ -293,8 +395,16 @@ def search(
             "finish": time.perf_counter() - descended,
         },
         stopped,
+        paths,
+        alone,
+        _reached(ends, chosen),
         tuple(remarks),
     )
+
+
+def _reached(ends: np.ndarray, designs: list[Design]) -> tuple[int, ...]:
+    """How many ends of descents are within REGION of each design."""
+    return tuple(int(np.sum(np.max(np.abs(ends - design.t), axis=1) <= REGION)) for design in designs)
 
 
 def _without_answer(statuses: Any) -> str:
@@ -320,6 +430,7 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
         jnp.full(count, PENALTY, float),
         jnp.full(count, jnp.inf, float),
         jnp.zeros(count, int),
+        jnp.full(count, jnp.inf, float),
         jnp.asarray(t),
         jnp.full(count, jnp.inf, float),
     )
@@ -327,11 +438,11 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
 
 def _descend(
     lanes: SearchMember, evaluate, advance, scaling: Scaling, steps, report
-) -> tuple[SearchMember, dict[str, np.ndarray], bool]:
+) -> tuple[SearchMember, dict[str, np.ndarray], np.ndarray, bool]:
     """All lanes to rest, or to the last step, or (True) to where they were stopped."""
     moving = np.arange(len(lanes.u))
     found, stopped = None, False
-    rows = []
+    rows, paths = [], []
     try:
         for step in range(steps):
             # NumPy picks the rows: JAX would compile a gather for every number of them.
@@ -341,6 +452,8 @@ def _descend(
             scaling.learn(fresh.values)
             lanes = advance(scaling.scales, lanes, found, step)
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
+            now = np.asarray(lanes.rank)
+            paths.append(np.where(now < 0.5 * NO_EQUILIBRIUM_RANK, now, np.nan))
             rank = np.asarray(lanes.best_rank)
             best = rank.min()
             feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))
@@ -355,7 +468,7 @@ def _descend(
             raise
         stopped = True
     names = ("best_objective", "with_equilibrium", "feasible", "moving")
-    return lanes, dict(zip(names, np.array(rows).T, strict=True)), stopped
+    return lanes, dict(zip(names, np.array(rows).T, strict=True)), np.array(paths), stopped
 
 
 def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -368,7 +481,7 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found
     """One step of one lane, from what was found at its u."""
     judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
-    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * judged.violations)
+    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * (judged.violations + ROOM))
     objective_slope = slopes.objective @ found.value_slopes
     downhill = jnp.where(in_equilibrium, objective_slope, found.shortfall_slopes)
     downhill += pull @ (slopes.violations @ found.value_slopes)
@@ -392,6 +505,7 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found
         jnp.where(stubborn, jnp.minimum(PENALTY_GROWTH * lane.penalty, PENALTY_MAX), lane.penalty),
         jnp.where(due, violation, lane.last_violation),
         jnp.where(resting, lane.rest + 1, 0),
+        rank,
         jnp.where(better, lane.t, lane.best_t),
         jnp.where(better, rank, lane.best_rank),
     )
@@ -428,7 +542,7 @@ def _reasons(found: Evaluated, k: int) -> tuple[str, ...]:
 
 def designs_at(problem: Problem, score: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
-    found, space, designs = evaluate(t), problem.space, []
+    found, space, designs = evaluate.solve(t), problem.space, []
     labels = problem.constraint_labels()
     for k, row in enumerate(t):
         judged, _ = score(found.values[k])

@@ -54,6 +54,7 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)
+    wanted.problem.about = given.decode()
     if wanted.is_front:
         return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
@@ -148,7 +149,7 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     start = f"{sign * result.reference.objective:.3g}" if result.reference.answered else "no answer"
     label = f"best\n(start: {start})"
     finished = sign * result.best.objective if result.best.answered and not result.stopped else None
-    plots.convergence(history, label, title, finished).savefig(folder / "convergence.png")
+    plots.convergence(history, label, title, finished, sign * result.paths).savefig(folder / "convergence.png")
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled
     # The first state that is asked of every scene.
@@ -180,6 +181,8 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "search": wanted.arguments,
         "solves": result.solves,
         "seconds": result.seconds,
+        "reached": list(result.reached),
+        "best_objective_of_the_descent_alone": result.descended,
     } | (agreed(problem) | versions())
 
 
@@ -275,8 +278,22 @@ def report(result: SearchResult, console: Console) -> None:
         console.print(_without_answer(result), style="bold", soft_wrap=True)
     elif not result.best.feasible:
         console.print("No design that keeps every constraint was found.", style="bold")
+    console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved with derivatives ({times})", soft_wrap=True)
+
+
+def _batch(result: SearchResult) -> str:
+    """What became of all the starts, and what the finish added."""
+    starts = result.paths.shape[1] if result.paths.ndim == 2 else 0
+    ends = [f"{n} near design {k + 1}" for k, n in enumerate(result.reached[:SHOWN]) if n]
+    said = (
+        f"{starts} designs descended at once: {', '.join(ends) if ends else 'none ended near a design of the table'}."
+    )
+    if result.best.feasible and np.isfinite(result.descended):
+        gain = (result.descended - result.best.objective) / max(abs(result.best.objective), 1e-300)
+        said += f" The finish improved the best of them by {gain:.1g} of its objective."
+    return said
 
 
 def _change(start: float, value: float) -> str:

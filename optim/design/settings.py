@@ -78,7 +78,7 @@ class DesignTable(Table):
     steps: int = pydantic.Field(default=100, ge=1, le=1_000_000)
     optimiser: Literal[OPTIMISERS] = "adam"  # type: ignore[valid-type]
     learning_rate: float = pydantic.Field(default=0.1, gt=0)
-    finishes: int = pydantic.Field(default=FINISHED, ge=1, le=1000)
+    finishes: int = pydantic.Field(default=FINISHED, ge=0, le=1000)
     seed: int = pydantic.Field(default=0, ge=0)
     ignore_rules: list[str] = []
     different_laws: bool = False

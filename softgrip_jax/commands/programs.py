@@ -7,6 +7,7 @@ import gc
 import hashlib
 import os
 import pickle
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,9 @@ OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 """XLA's newer way of writing loops takes more than half of the time in which a finger compiles, and saves a single
 solve nothing. XLA leaves the process over a flag that it does not know: it is set for versions that were seen."""
 SEEN_BELOW = (0, 11)
-QUICKLY = {"xla_backend_optimization_level": 0, "xla_cpu_parallel_codegen_split_count": 4}
+SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
+"""For a program that runs often: all optimisation, on several cores."""
+QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}
 """For a program that runs once: LLVM's optimisation takes a third of its compile time or more, and saves a finger less
 than a millisecond, an energy membrane 20."""
 COLLECTED = 1_000_000
@@ -46,25 +49,37 @@ def settings() -> None:
 
 
 def kept(function: Callable[..., Any], *args: Any) -> Any:
-    """function(*args), jitted, without tracing it where an earlier process did, for arguments of the same shapes.
+    """function(*args), jitted, without tracing it where an earlier process did, for arguments of the same shapes."""
+    return program(function, *args, options=QUICKLY)(*args)
+
+
+def program(
+    function: Callable[..., Any], *args: Any, about: str = "", options: dict[str, Any] | None = None
+) -> Callable[..., Any]:
+    """A jitted function, for arguments of the shapes of args, without tracing it where an earlier process did.
 
     What JAX exports is kept beside its own cache, for the versions and the sources as they are. What cannot be read or
     written is traced as if nobody had kept it.
+
+    about: what the function holds beside its arguments, in words that are different where that is. options: of XLA's
+    compiler, for the versions of jaxlib that were seen.
     """
     import jax
     import jax.numpy as jnp
     from jax import export
+    from jaxlib.version import __version_info__ as version
 
+    quickly = options if jax.default_backend() == "cpu" and version < SEEN_BELOW else None
     if _folder is None or not jax.config.values["jax_enable_compilation_cache"]:
-        return function(*args)
+        return function
     leaves, tree = jax.tree.flatten(args)
     numbers = [k for k, leaf in enumerate(leaves) if not isinstance(leaf, str)]
-    arrays = [jnp.asarray(leaves[k]) for k in numbers]
     words = [leaf for leaf in leaves if isinstance(leaf, str)]
-    file = _folder / f"{_key(function, tree, arrays, words)}.traced"
+    arrays = [jnp.asarray(leaves[k]) for k in numbers]
+    file = _folder / f"{_key(function, tree, arrays, [*words, about])}.traced"
     try:
-        program, template = pickle.loads(file.read_bytes())
-        exported, out = export.deserialize(bytearray(program)), jax.tree.structure(template)
+        content, template = pickle.loads(file.read_bytes())
+        exported, out = export.deserialize(bytearray(content)), jax.tree.structure(template)
     except Exception:  # whatever is wrong with it
         trees = []
 
@@ -83,10 +98,13 @@ def kept(function: Callable[..., Any], *args: Any) -> Any:
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
             write_whole(file, content)
-    from jaxlib.version import __version_info__ as version
+    called = jax.jit(exported.call, compiler_options=quickly)
 
-    options = QUICKLY if jax.default_backend() == "cpu" and version < SEEN_BELOW else None
-    return jax.tree.unflatten(out, jax.jit(exported.call, compiler_options=options)(*arrays))
+    def run(*args):
+        given = jax.tree.leaves(args)
+        return jax.tree.unflatten(out, called(*(jnp.asarray(given[k]) for k in numbers)))
+
+    return run
 
 
 def _key(function: Callable[..., Any], tree: Any, arrays: Any, words: list[str]) -> str:
@@ -94,7 +112,9 @@ def _key(function: Callable[..., Any], tree: Any, arrays: Any, words: list[str])
     import jax
     from jaxlib.version import __version__ as jaxlib_version
 
-    files = [(str(p.relative_to(PACKAGE)), p.stat().st_size, p.stat().st_mtime_ns) for p in PACKAGE.rglob("*.py")]
+    own = Path(sys.modules[function.__module__.partition(".")[0]].__file__ or "").parent
+    sources = [p for folder in {PACKAGE, own} for p in folder.rglob("*.py")]
+    files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in sources]
     shapes = [(a.shape, str(a.dtype), a.weak_type) for a in arrays]
     parts = (
         *(function.__module__, function.__qualname__, str(tree), shapes, words, sorted(files)),

@@ -172,10 +172,14 @@ BESIDE, ABOVE = 22, 38
 
 
 def convergence(
-    history: Mapping[str, np.ndarray], label: str = "best objective", title: str = "", finished: float | None = None
+    history: Mapping[str, np.ndarray],
+    label: str = "best objective",
+    title: str = "",
+    finished: float | None = None,
+    paths: np.ndarray | None = None,
 ) -> Figure:
-    """How a search went: its best objective, step by step and once finished, and the lanes that have an equilibrium,
-    are feasible, still move."""
+    """How a search went: its best objective, step by step and once finished, and how many designs have an equilibrium,
+    are feasible, still move. paths: the objective of every design at every step, NaN where it is not feasible."""
     best = np.asarray(history["best_objective"])
     steps = np.arange(1, len(best) + 1)
     with mpl.rc_context(STYLE):
@@ -183,6 +187,8 @@ def convergence(
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.3, 1])
         # A search of few steps is points rather than lines.
         marker = "o" if len(best) < FEW_STEPS else None
+        if paths is not None and np.size(paths):
+            above.plot(steps, paths, color="0.6", linewidth=0.4, alpha=0.35, rasterized=True, zorder=0)
         above.plot(steps, best, color=BLUE, marker=marker)
         if finished is not None:
             above.plot(len(best) + 1, finished, "o", color=VERMILION)
@@ -203,7 +209,7 @@ def convergence(
         below.set_ylim(bottom=0)
         below.xaxis.set_major_locator(MaxNLocator(integer=True))
         below.set_xlabel("step")
-        below.set_ylabel("lanes")
+        below.set_ylabel("designs")
         below.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0, borderaxespad=0.1)
     return figure
 

@@ -1,0 +1,72 @@
+"""The state of a scene from a state nearby (`softgrip_jax.numerics.nearby`): what a search asks for thousands of times.
+
+The answer is a good one or none: where it is none the whole way from zero load is to be followed. Its certificate is
+the one of `Newton`, the sign of det(dr/dy), which must be that of the state it came from; see there what that cannot
+tell. What a search reports in the end is therefore solved along the whole way.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from softgrip_jax.numerics.nearby import Known, known_root
+from softgrip_jax.path_scene import PathScene, surplus_over
+from softgrip_jax.quantities import REQUIRED, State
+from softgrip_jax.results import Solution, Status
+from softgrip_jax.scene import Found, Scene, frozen
+from softgrip_jax.units import kPa
+
+PRESSURE = 10 * kPa
+"""What makes a pressure that is sought a number of order one."""
+
+
+def can_begin_nearby(scene: Scene) -> bool:
+    """Whether a scene has equations of several unknowns, of which a state nearby is worth something."""
+    return isinstance(scene, PathScene)
+
+
+def is_sought(at: State) -> bool:
+    """Whether the pressure of a state is unknown: it is asked for by what it does."""
+    return isinstance(at, tuple | str)
+
+
+def known_state(at: State, solution: Solution) -> Known:
+    """A solved state as a place to begin from: its unknowns and, where it was sought, the pressure."""
+    u = solution.unknowns
+    return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u)
+
+
+def state_at(scene: PathScene, at: State, u: Float[Array, " n"]) -> tuple[Array, Solution]:
+    """What is left of the equations at u, and the state there as if nothing were.
+
+    at: a pressure (Pa), "required", or (observable, value), as in `quantities`.
+    """
+    scene = scene.prepared()
+    unknowns, pressure = (u[:-1], u[-1] * PRESSURE) if is_sought(at) else (u, jnp.asarray(at, u.dtype))
+    residual, observed = scene.evaluated(unknowns, pressure)
+    if is_sought(at):
+        name, target = scene.target() if at == REQUIRED else at
+        residual = jnp.append(residual, surplus_over(name, jnp.asarray(target, u.dtype), observed))
+    margins = scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
+    none, number = jnp.zeros((), u.dtype), jnp.asarray(0)
+    solution = Solution(
+        scene, pressure, jnp.asarray(int(Status.OK)), none, number, unknowns, observed, number, none * jnp.nan, margins
+    )
+    return residual, solution
+
+
+def is_covered(scene: PathScene, at: State, solution: Solution) -> Bool[Array, ""]:
+    """Whether a state that solves the equations is one of those that `solve` calls OK: between the ends of the model,
+    resolved by its points, held as it may be held."""
+    scene, solution = frozen((scene.prepared(), solution))
+    span = scene.pressure_span()
+    good = scene.can_exist() & (solution.pressure < span.end)
+    if is_sought(at):
+        good &= solution.pressure > span.begin
+    passed = scene.passed(solution.observables)
+    if passed is not None:
+        good &= passed < 0
+    nothing_left = (jnp.zeros_like(solution.unknowns), solution.observables)
+    found = Found(solution.unknowns, solution.pressure, solution.status, solution.iterations, evaluated=nothing_left)
+    return good & (scene.verified(found).status == Status.OK)

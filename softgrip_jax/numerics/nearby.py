@@ -1,0 +1,84 @@
+"""A root and what is observed there, from a root nearby: for searches, which ask thousands of times.
+
+When a parameter moves a little the root moves along. From the root before, and the inverse of the Jacobian there, a few
+evaluations lead to the new one (the chord method: Newton's with a Jacobian that is kept); one Jacobian there, by the
+unknowns and the parameters together, then gives the last correction, every derivative, and the inverse that the next
+root begins with. Optimistix has the chord method too, within one solve: it does not hand its Jacobian on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Bool, Float, Int
+
+from .roots import solve_and_sign
+
+Equations = Callable[[Array, Array], tuple[Array, Array]]
+"""(u, t) -> residual, of the size of u, and what is observed; traced values come through u and t alone."""
+
+CHORDS = 12
+"""Moves with a kept Jacobian at most: where more are needed a new one is worth its price."""
+CONTRACTION = 0.5
+"""Moves must shrink at least this much, or the Jacobian is too old."""
+NEAR = 1e-7
+"""A move below this, relative, is the last: with the Jacobian of the place itself it is squared."""
+
+
+class Known(NamedTuple):
+    """A root as a place to begin from."""
+
+    u: Float[Array, " n"]
+    inverse: Float[Array, "n n"]
+    """Of the Jacobian by u; zeros where it is not known."""
+    side: Float[Array, ""]
+    """The sign of the Jacobian's determinant, which is the same along a branch; 0 where it is not known."""
+
+
+class Nearby(NamedTuple):
+    """What was found."""
+
+    observed: Float[Array, " q"]
+    slopes: Float[Array, "q m"]
+    """Of what is observed, by t: the root moves along."""
+    known: Known
+    good: Bool[Array, ""]
+    """Whether it is a root, to rounding, and on the same side as the one it came from."""
+    count: Int[Array, ""]
+    """Evaluations without derivatives."""
+
+
+def known_root(u: Float[Array, " n"]) -> Known:
+    """A root of which nothing else is known yet."""
+    return Known(u, jnp.zeros((u.shape[0], u.shape[0]), u.dtype), jnp.zeros((), u.dtype))
+
+
+def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Nearby:
+    """The root of equations(u, t)[0] near a known one. What is not good may be tried again from where it ended."""
+
+    def chord(state):
+        u, last, _, count = state
+        move = known.inverse @ equations(u, t)[0]
+        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+        shrinks = size <= CONTRACTION * last
+        return jnp.where(shrinks, u - move, u), size, shrinks & (size > NEAR), count + 1
+
+    start = (known.u, jnp.full((), jnp.inf, t.dtype), jnp.asarray(True), jnp.asarray(0))
+    u, _, _, count = lax.while_loop(lambda state: state[2] & (state[3] < CHORDS), chord, start)
+
+    n, place = len(u), jnp.concatenate([u, t])
+    (residual, observed), (by_all, seen_by_all) = jax.vmap(
+        lambda v: jax.jvp(lambda x: equations(x[:n], x[n:]), (place,), (v,)), out_axes=(None, -1)
+    )(jnp.eye(len(place), dtype=t.dtype))
+    inverse, side = solve_and_sign(by_all[:, :n], jnp.eye(n, dtype=t.dtype))
+    move, moved = -inverse @ residual, -inverse @ by_all[:, n:]
+    size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+    good = (size <= NEAR) & ((known.side == 0) | (side == known.side))
+    by_u = seen_by_all[:, :n]
+    return Nearby(
+        observed + by_u @ move, seen_by_all[:, n:] + by_u @ moved, Known(u + move, inverse, side), good, count
+    )
