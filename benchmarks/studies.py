@@ -2,6 +2,7 @@
 
 Three studies on one core, everything written to a store: free fingers of closed form, shells on a plane, held fingers
 with 8 points. The solve alone is the study's own program on designs that are in memory, without reading anything back.
+The ratio is that of processor time, which other programs on the machine change less.
 """
 
 from __future__ import annotations
