@@ -12,7 +12,8 @@ A package names them in its pyproject.toml, as `optim` does; nothing here knows 
 from __future__ import annotations
 
 import functools
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
+from typing import Any
 
 COMMANDS = "softgrip_jax.commands"
 """The group of commands."""
@@ -21,6 +22,7 @@ SECTIONS = "softgrip_jax.sections"
 
 
 @functools.cache
-def found(group: str) -> dict[str, EntryPoint]:
-    """The entry points of a group by name; each is imported by its `load()`, and not before."""
+def found(group: str) -> dict[str, Any]:
+    """The entry points of a group by name; each is imported by its `load()`, and not before. Their type is that of
+    importlib.metadata, or of importlib_metadata where that is installed: it takes the place of the other."""
     return {point.name: point for point in entry_points(group=group)}

@@ -1,10 +1,8 @@
 """What is the user's mistake is one sentence and code 2; what is a fault of the package is seen as one."""
 
 import ast
-import contextlib
 import importlib
 import sys
-from pathlib import Path
 
 import pytest
 from conftest import ROOT
@@ -18,6 +16,7 @@ TESTED = {
     "softgrip_jax/commands/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
     "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
+    "softgrip_jax/study/cluster.py": "what Dask says of an address or of certificates is a mistake in them",
     "softgrip_jax/study/store.py": "a chunk that cannot be read, for whatever reason, is computed again",
 }
 """Files with a catch of everything, and why it hides nothing."""
@@ -142,11 +141,10 @@ def test_a_fault_has_a_code_of_its_own(monkeypatch, capsys):
     assert "a fault of softgrip_jax" in said
 
 
-def test_a_manifest_that_is_no_json_is_the_users(tmp_path):
-    from softgrip_jax.study import store as folder
+def test_a_store_that_is_no_json_is_the_users(tmp_path):
+    from softgrip_jax.study import store
 
-    (tmp_path / folder.MANIFEST).write_bytes(b"\xff{")
+    (tmp_path / "zarr.json").write_bytes(b"\xff{")
     with pytest.raises(ConfigError, match="is not readable"):
-        folder._read_manifest(tmp_path)
-    with contextlib.suppress(FileNotFoundError):
-        assert folder._read_manifest(Path(tmp_path / "nothing")) is None
+        store._begun(str(tmp_path))
+    assert store._begun(str(tmp_path / "nothing")) is None

@@ -30,7 +30,7 @@ from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
-ORDER = ("new", "solve", "path", "sweep", "sensitivity", "design", "calibrate", "reproduce", "schema")
+ORDER = ("new", "solve", "path", "sweep", "summary", "sensitivity", "design", "calibrate", "reproduce", "schema")
 """Of the commands in `softgrip --help`: from the first steps on; others follow."""
 
 

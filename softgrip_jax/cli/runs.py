@@ -1,7 +1,8 @@
-"""sweep, sensitivity, reproduce: runs that write a folder."""
+"""sweep, summary, sensitivity, reproduce: runs that write a folder."""
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -18,23 +19,59 @@ def sweep(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results; a study that was stopped there goes on.")
     ] = None,
+    to: Annotated[
+        str | None, typer.Option(help="Where the store goes: a path that ends in .zarr, or an address (s3://...).")
+    ] = None,
+    table: Annotated[bool, typer.Option("--csv", help="Write study.csv too, from the store.")] = False,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes on this machine that compute.")] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="A running Dask scheduler whose workers compute: tls://host:8786.")
+    ] = None,
+    insecure: Annotated[bool, typer.Option(help="Allow tcp:// to a scheduler on another machine.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve many designs: a grid, a Latin hypercube, a Sobol set, or a CSV file of them.
 
-    A study that was stopped, even killed, goes on with the same --out. Exit code 1 where no design has an answer.
+    A study that was stopped, even killed, goes on with the same --out or --to. Exit code 1 where no design has an
+    answer. --workers and --scheduler need pip install softgrip_jax[cluster].
 
     - softgrip sweep configs/shell_sweep.toml
-    """
-    from ..commands.sweep import run_sweep, spread
 
-    folder, reasons = run_sweep(config, out, console_for(as_json))
+    - softgrip sweep configs/finger_sweep.toml --workers 8
+    """
+    from ..commands.sweep import Where, run_sweep
+
+    where = Where(out, to, table, workers, scheduler, insecure)
+    found, reasons = run_sweep(config, where, console_for(as_json))
     if as_json:
-        tell_folder(as_json, folder, {"quantities": spread(folder)})
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))
     for sentence in reasons:
         print(sentence, file=sys.stderr)
     if reasons:
         raise typer.Exit(NO_ANSWER)
+
+
+@app.command()
+def summary(
+    study: Annotated[str, typer.Argument(help="A folder of softgrip sweep, its store, or the address of one.")],
+    best: Annotated[str | None, typer.Option(help="A column of study.csv: its least values are best.")] = None,
+    most: Annotated[bool, typer.Option("--most", help="The largest values are best.")] = False,
+    where: Annotated[
+        list[str] | None, typer.Option(help="What the best must keep: 'shell.a_mm < 16'; may be given several times.")
+    ] = None,
+    count: Annotated[int, typer.Option(min=1, max=100_000, help="How many of the best.")] = 10,
+    plot: Annotated[Path | None, typer.Option(help="A picture of designs: .png, .pdf or .svg.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say what a study comes to, whatever its size: statuses, reasons, quantiles, and the best designs.
+
+    - softgrip summary runs/shell_sweep-001 --best pressure_at_required_kPa --where "limit_margin_at_required >= 2"
+    """
+    from ..commands.summary import run_summary
+
+    found = run_summary(study, best, most, where or [], count, plot, as_json, console_for(as_json))
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))
 
 
 @app.command()

@@ -10,17 +10,18 @@ method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "
 per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
 [[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.config.keys`.
 
-The folder: config.toml, study.nc (read it with `sg.load_study`), study.csv, and a picture.
+The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture and, where asked for, study.csv.
 """
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import shutil
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
@@ -40,13 +41,12 @@ from ..parameters import Parameter
 from ..progress import LINE_SECONDS
 from ..quantities import State, solution_at
 from ..reasons import Reason
-from ..results import Status, in_units
-from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, load_study, run_in
+from ..results import Status
+from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
-from ..study.dataset import status_name
-from ..study.store import MANIFEST
-from ..tables import Table as PrintedTable
-from .files import plain
+from ..study.dataset import status_name, write_csv
+from ..study.store import BEGUN, address_of, opened
+from .summary import draw, tell_quantities
 
 
 class SweptVariable(Table):
@@ -171,31 +171,39 @@ def _from_csv(
     return numbers, TableOfDesigns(np.array(rows))
 
 
-QUICK = 100_000
+QUICK = 1_000_000
 """Designs a second of the quickest scenes on a common machine, without derivatives: what a study takes at least."""
+
+MANY = 1_000_000
+"""Processes of a scheduler, of which nobody knows how many may join."""
 
 LONGEST_DAYS = 30
 """At that speed: nobody waits for what would take longer."""
 
-BYTES = 44
-"""Of disk per number of a design while the files are written: 8 in its chunk, 8 in the arrays that are collected, 8 in
-study.nc and about 20 in study.csv."""
+BYTES, CSV_BYTES = 8, 20
+"""Of disk per number of a design: in the store, and in study.csv."""
 
 
-def refuse_what_cannot_end(study: Study, folder: Path, where: str) -> None:
+def refuse_what_cannot_end(study: Study, place: str, with_csv: bool, workers: int, where: str) -> None:
     """A ConfigError, with the least time and the disk that it takes, for a study that no disk or patience holds."""
-    if (folder / MANIFEST).is_file():
+    address = address_of(place)
+    is_local = "://" not in address
+    if is_local and (Path(address) / "zarr.json").is_file():
         return  # it goes on, and what it needs is partly there
     count, quantities = study.designs.count, len(study.asked.quantities)
     numbers = study.leaves.size + quantities * (1 + study.leaves.size * study.gradients) + len(study.asked.states)
-    days, size = count / QUICK / 86_400, float(BYTES * numbers * count)
-    place = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    free = float(shutil.disk_usage(place).free)
+    days = count / (QUICK * max(workers, 1)) / 86_400
+    size = float((BYTES + CSV_BYTES * with_csv) * numbers * count)
+    free = np.inf
+    if is_local:
+        nearest = next(path for path in Path(address).absolute().parents if path.exists())
+        free = float(shutil.disk_usage(nearest).free)
     if days > LONGEST_DAYS or size > free:
         raise ConfigError(
-            f"{where}: these are {count:,} designs; at {QUICK:,} a second, which only simple scenes reach, they "
-            f"take {_duration(days)} and about {_bytes(size)} of disk, of which {_bytes(free)} are free; give fewer "
-            "points, or samples of a Sobol set in place of a grid."
+            f"{where}: these are {count:,} designs; at {QUICK:,} a second and process, which only simple scenes reach, "
+            f"they take {_duration(days)} and about {_bytes(size)} of disk"
+            + (f", of which {_bytes(free)} are free" if is_local else "")
+            + "; give fewer points, or samples of a Sobol set in place of a grid."
         )
 
 
@@ -219,25 +227,69 @@ LOOKED_AT = 16
 # --- the run ----------------------------------------------------------------------------------------------------------
 
 
-def run_sweep(config: Path, out: Path | None, console: Console) -> tuple[Path, list[str]]:
-    """Run the study of a config, or go on with it where `out` holds it already, and report; returns the folder, and
-    sentences that say why where nothing in the study has an answer."""
+@dataclasses.dataclass(frozen=True)
+class Where:
+    """Where a study goes, and who computes it."""
+
+    out: Path | None = None
+    to: str | None = None
+    csv: bool = False
+    workers: int | None = None
+    scheduler: str | None = None
+    insecure: bool = False
+
+
+def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, Any], list[str]]:
+    """Run the study of a config, or go on with it where it was begun, and report; returns where it is and how far its
+    quantities spread in SI, and sentences that say why where nothing in the study has an answer."""
     study, identity = read(configs.load(config))
-    folder = free_name(config.stem) if out is None else out
-    refuse_what_cannot_end(study, folder, f"{config}, [sweep]")
-    check_folder(folder)
-    if out is None:
+    folder = where.out
+    if folder is None and where.to is None:
+        folder = free_name(config.stem)
         console.print(f"The study goes to {folder}; if it is stopped, --out {folder} goes on with it.", soft_wrap=True)
-    with _progress(study.designs.count, console) as report:
-        run_in(folder, study, identity, report, lambda sentence: console.print(sentence, soft_wrap=True))
-    write_whole(folder / "config.toml", configs.standalone(config))
-    with load_study(folder) as data:
-        _draw(study, data, folder)
-        _report(study, data, console)
+    if where.csv and folder is None:
+        raise ConfigError("--csv is given without --out, the folder in which the table is written.")
+    place = where.to or str(folder)
+    processes = where.workers or (MANY if where.scheduler else 1)
+    refuse_what_cannot_end(study, place, where.csv, processes, f"{config}, [sweep]")
+    for wanted in (folder, None if "://" in address_of(place) else Path(address_of(place))):
+        if wanted is not None:
+            check_folder(wanted)
+    with _progress(study.designs.count, console) as report, _spread_over(where) as spread:
+        run_in(place, study, identity, report, lambda sentence: console.print(sentence, soft_wrap=True), spread)
+    with opened(place) as data:
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            write_whole(folder / "config.toml", configs.standalone(config))
+            if study.designs.count > 1:
+                draw(data, folder / "study.png")
+            if where.csv:
+                write_whole(folder / "study.csv", lambda path: write_csv(data, path))
+        told = tell(data, console)
         reasons = why_nothing(study, data)
-    console.print(f"The study is in {folder}: {contents(folder)}.", soft_wrap=True)
-    console.print(f"In Python: softgrip_jax.load_study({str(folder)!r})", soft_wrap=True)
-    return folder, reasons
+    if folder is not None:
+        console.print(f"The study is in {folder}: {contents(folder)}.", soft_wrap=True)
+    console.print(f"In Python: softgrip_jax.load_study({place!r})", soft_wrap=True)
+    found = {} if folder is None else {"folder": str(folder)}
+    return found | {"store": address_of(place), "quantities": told}, reasons
+
+
+def _spread_over(where: Where) -> Any:
+    if where.workers is None and where.scheduler is None:
+        if where.insecure:
+            raise ConfigError("--insecure is given without --scheduler, to which it belongs.")
+        return nullcontext()
+    from ..study.cluster import client
+
+    return client(where.workers, where.scheduler, where.insecure)
+
+
+def tell(data: xr.Dataset, console: Console) -> dict[str, Any]:
+    """How many designs have an answer, and how far every quantity spreads over them."""
+    for name, counts in data.attrs[BEGUN]["statuses"].items():
+        label = data[name].attrs["long_name"].removeprefix("status at ")
+        console.print(f"{label}: " + ", ".join(f"{n} {status}" for status, n in counts.items()), soft_wrap=True)
+    return tell_quantities(data, {"least": 0.0, "median": 0.5, "most": 1.0}, console)
 
 
 @contextmanager
@@ -269,48 +321,21 @@ def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], Non
         yield lambda done, skipped: progress.update(task, completed=done)
 
 
-def _draw(study: Study, data: xr.Dataset, folder: Path) -> None:
-    if study.designs.count < 2:
-        return
-    from .. import plots
-
-    plots.study(data).savefig(folder / "study.png")
-
-
-def _report(study: Study, data: xr.Dataset, console: Console) -> None:
-    """How many designs have an answer, and how far every quantity spreads over them."""
-    for k, label in enumerate(study.asked.state_labels()):
-        seen = np.asarray(data[status_name(study, k)])
-        counts = {Status(int(v)).name: int(n) for v, n in zip(*np.unique(seen, return_counts=True), strict=True)}
-        words = ", ".join(f"{n} {name}" for name, n in counts.items())
-        console.print(f"{label}: {words}", soft_wrap=True)
-    table = PrintedTable(title=f"{study.designs.count} designs", title_justify="left")
-    for name in ("", "least", "median", "most"):
-        table.add_column(name, justify="right" if name else "left")
-    for label, kind, name in zip(study.asked.labels(), study.asked.kinds, _quantity_names(data), strict=True):
-        values = np.asarray(data[name])
-        values = values[np.isfinite(values)]
-        numbers = [values.min(), np.median(values), values.max()] if values.size else [np.nan] * 3
-        table.add_row(label, *(in_units(v, kind) for v in numbers))
-    console.print(table)
-
-
 def why_nothing(study: Study, data: xr.Dataset) -> list[str]:
     """A sentence for every state that no design has, with its statuses and the most frequent reason; nothing where one
     design has an answer in one state.
 
     The reason is that of LOOKED_AT designs, spread over the study.
     """
-    statuses = [np.asarray(data[status_name(study, k)]).ravel() for k in range(len(study.asked.states))]
-    if any(np.any(seen == Status.OK) for seen in statuses):
+    statuses = [data.attrs[BEGUN]["statuses"][status_name(study, k)] for k in range(len(study.asked.states))]
+    if any(Status.OK.name in counts for counts in statuses):
         return []
     count = study.designs.count
     places = np.unique(np.linspace(0, count - 1, min(LOOKED_AT, count)).astype(int)).tolist()
     designs = np.concatenate([study.designs.rows(k, k + 1) for k in places])
     sentences = []
-    for (name, at), label, seen in zip(study.asked.states, study.asked.state_labels(), statuses, strict=True):
-        counts = Counter(Status(int(v)).name for v in seen)
-        words = ", ".join(f"{n} {status}" for status, n in counts.most_common())
+    for (name, at), label, counts in zip(study.asked.states, study.asked.state_labels(), statuses, strict=True):
+        words = ", ".join(f"{n} {status}" for status, n in sorted(counts.items(), key=lambda pair: -pair[1]))
         sentence = f"{label}: none of {count} designs has an answer ({words})"
         if at is not None:
             sentence += f"; the most frequent reason: {_reason(study, name, at, designs)}"
@@ -328,20 +353,3 @@ def _reason(study: Study, scene: str, at: State, designs: np.ndarray) -> str:
     reasons, details = (np.asarray(v) for v in jax.jit(jax.vmap(ask))(jnp.asarray(designs)))
     [(most, _)] = Counter(reasons.tolist()).most_common(1)
     return Reason(most).text(float(details[reasons == most][0])).rstrip(".")
-
-
-def _quantity_names(data: xr.Dataset) -> list[str]:
-    return [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
-
-
-def spread(folder: Path) -> dict[str, Any]:
-    """How far the quantities of a study spread, in SI."""
-    found: dict[str, Any] = {}
-    with load_study(folder) as data:
-        for name, values in data.data_vars.items():
-            if "status" in values.attrs:
-                known = np.asarray(values)[np.isfinite(values)]
-                ends = [known.min(), np.median(known), known.max()] if known.size else [np.nan] * 3
-                found[str(name)] = {"unit": values.attrs["units"], "answered": int(known.size)}
-                found[str(name)] |= dict(zip(("least", "median", "most"), map(plain, ends), strict=True))
-    return found

@@ -233,7 +233,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
         ax.set_xticks(steps, labels)
         ax.tick_params(axis="x", length=0)
         ax.spines[:].set_visible(False)
-        ax.set_title(_title_of(data, names[0], count, len(chosen)), loc="left")
+        ax.set_title(_title_of(data, names[0], data.attrs.get("designs", count), len(chosen)), loc="left")
         kinds = [s for s in HATCHES if np.any(status == s)]
         if kinds:
             words = "grey: " + ", ".join(status_words(s) for s in kinds)

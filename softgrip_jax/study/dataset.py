@@ -9,8 +9,12 @@ with the further dimension "by".
 
 from __future__ import annotations
 
+import csv
+import math
+from collections.abc import Callable, Iterator
 from enum import IntEnum
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -19,10 +23,68 @@ from .._version import __version__
 from ..reasons import Reason
 from ..results import Status
 from ..units import DISPLAY, SI, unit_key
+from .blocks import Block, Blocks, spread_over
 from .designs import Grid
 
-DESIGN = "design"
+DESIGN, BY = "design", "by"
 SLOPE_OF, STATUS_OF, REASON_OF = "slope_of_", "status_", "reason_"
+TITLE = {"title": "parameter study", "source": f"softgrip_jax {__version__}"}
+
+PIECE = 1 << 18
+"""Designs that are read at a time: a few megabytes per quantity."""
+
+
+class Column(NamedTuple):
+    """A variable of the Dataset that has a value, or one per varied number, for every design."""
+
+    name: str
+    dims: tuple[str, ...]
+    dtype: Any
+    attributes: dict[str, Any]
+    of: Callable[[np.ndarray, dict[str, np.ndarray]], np.ndarray]
+    """Its values, from some designs (one per row) and what `Study.evaluate` says of them."""
+
+
+def dims_of(study: Any) -> tuple[str, ...]:
+    return tuple(study.leaves.names) if isinstance(study.designs, Grid) else (DESIGN,)
+
+
+def columns(study: Any) -> list[Column]:
+    """What is stored of every design, in the order of the Dataset: coordinates first where designs are no grid."""
+    leaves, asked, dims = study.leaves, study.asked, dims_of(study)
+    found = []
+    if not isinstance(study.designs, Grid):
+        for k, (name, kind) in enumerate(zip(leaves.names, leaves.kinds, strict=True)):
+            found.append(Column(name, dims, float, _attributes(name, kind), lambda rows, _, k=k: rows[:, k]))
+    for k, (label, kind) in enumerate(zip(asked.labels(), asked.kinds, strict=True)):
+        words = _attributes(label, kind) | {"status": status_name(study, asked.state_of[k])}
+        found.append(Column(variable_name(label), dims, float, words, lambda _, part, k=k: part["values"][:, k]))
+        if study.gradients:
+            words = {"long_name": f"derivative of {label}", "units": f"{SI[kind] or '1'} per SI unit of what varies"}
+            name = SLOPE_OF + variable_name(label)
+            found.append(Column(name, (*dims, BY), float, words, lambda _, part, k=k: part["slopes"][:, k]))
+    status_flags, reason_flags = _flags(Status, np.int8), _flags(Reason, np.int16)
+    for k, label in enumerate(asked.state_labels()):
+        words = {"long_name": f"status at {label}"} | status_flags
+        found.append(Column(status_name(study, k), dims, np.int8, words, lambda _, part, k=k: part["statuses"][:, k]))
+        words = {"long_name": f"reason of the status at {label}"} | reason_flags
+        name = REASON_OF + variable_name(label)
+        found.append(Column(name, dims, np.int16, words, lambda _, part, k=k: part["reasons"][:, k]))
+    return found
+
+
+def axes(study: Any) -> dict[str, tuple[str, Any, dict[str, Any]]]:
+    """Coordinates that are known beforehand: the axes of a grid."""
+    leaves, found = study.leaves, {}
+    if isinstance(study.designs, Grid):
+        for name, kind, axis in zip(leaves.names, leaves.kinds, study.designs.axes, strict=True):
+            found[name] = (name, axis, _attributes(name, kind))
+    return found
+
+
+def by_names(names: list[str]) -> dict[str, Any]:
+    """The coordinate of what the derivatives are taken by."""
+    return {BY: (BY, np.array(names), {"long_name": "varied number"})}
 
 
 def labelled(study: Any, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Dataset:
@@ -41,31 +103,14 @@ def labelled(study: Any, designs: np.ndarray, arrays: dict[str, Any]) -> xr.Data
         >>> sg.study.labelled(study, walls.rows(0, 1), arrays).inflation_at_15_kPa.attrs["units"]
         'm'
     """
-    leaves, asked, set_of = study.leaves, study.asked, study.designs
-    is_grid = isinstance(set_of, Grid)
-    dims = tuple(leaves.names) if is_grid else (DESIGN,)
-    shape = set_of.shape
-    coords: dict[str, Any] = {}
-    for k, (name, kind) in enumerate(zip(leaves.names, leaves.kinds, strict=True)):
-        axis = set_of.axes[k] if isinstance(set_of, Grid) else designs[:, k]
-        coords[name] = (name if is_grid else DESIGN, axis, _attributes(name, kind))
+    coords: dict[str, Any] = axes(study) | (by_names(study.leaves.names) if study.gradients else {})
     data: dict[str, Any] = {}
-    for k, (label, kind) in enumerate(zip(asked.labels(), asked.kinds, strict=True)):
-        attributes = _attributes(label, kind) | {"status": status_name(study, asked.state_of[k])}
-        data[variable_name(label)] = (dims, arrays["values"][:, k].reshape(shape), attributes)
-        if "slopes" in arrays:
-            coords["by"] = ("by", leaves.names, {"long_name": "varied number"})
-            slopes = arrays["slopes"][:, k].reshape(*shape, leaves.size)
-            words = {"long_name": f"derivative of {label}", "units": f"{SI[kind] or '1'} per SI unit of what varies"}
-            data[SLOPE_OF + variable_name(label)] = ((*dims, "by"), slopes, words)
-    status_flags, reason_flags = _flags(Status, np.int8), _flags(Reason, np.int16)
-    for k, label in enumerate(asked.state_labels()):
-        statuses = arrays["statuses"][:, k].astype(np.int8).reshape(shape)
-        data[status_name(study, k)] = (dims, statuses, {"long_name": f"status at {label}"} | status_flags)
-        reasons = arrays["reasons"][:, k].astype(np.int16).reshape(shape)
-        words = {"long_name": f"reason of the status at {label}"}
-        data[REASON_OF + variable_name(label)] = (dims, reasons, words | reason_flags)
-    return xr.Dataset(data, coords, {"title": "parameter study", "source": f"softgrip_jax {__version__}"})
+    for column in columns(study):
+        values = column.of(designs, arrays)
+        values = values.reshape(*study.designs.shape, *values.shape[1:]).astype(column.dtype, copy=False)
+        place = coords if column.name in study.leaves.names else data
+        place[column.name] = (column.dims, values, column.attributes)
+    return xr.Dataset(data, coords, TITLE)
 
 
 def _flags(codes: type[IntEnum], dtype: Any) -> dict[str, Any]:
@@ -85,28 +130,95 @@ def status_name(study: Any, k: int) -> str:
     return STATUS_OF + variable_name(study.asked.state_labels()[k])
 
 
-def csv_rows(study: Any, designs: np.ndarray, arrays: dict[str, np.ndarray]) -> tuple[list[str], list[list[Any]]]:
-    """(names of the columns with units, rows) of some designs."""
-    leaves, asked = study.leaves, study.asked
-    names = [unit_key(name, kind) for name, kind in zip(leaves.names, leaves.kinds, strict=True)]
-    columns: list[list[Any]] = [(designs[:, k] / DISPLAY[kind][1]).tolist() for k, kind in enumerate(leaves.kinds)]
-    for k, label in enumerate(asked.state_labels()):
-        names.append(STATUS_OF + variable_name(label))
-        words = [s.name for s in Status]
-        columns.append([words[s] for s in arrays["statuses"][:, k]])
-        names.append(REASON_OF + variable_name(label))
-        columns.append([Reason(int(r)).name for r in arrays["reasons"][:, k]])
-    for k, (label, kind) in enumerate(zip(asked.labels(), asked.kinds, strict=True)):
-        unit = DISPLAY[kind][1]
-        names.append(unit_key(variable_name(label), kind))
-        columns.append((arrays["values"][:, k] / unit).tolist())
-        if "slopes" not in arrays:
-            continue
-        for j, (name, by) in enumerate(zip(leaves.names, leaves.kinds, strict=True)):
-            names.append(f"d_{unit_key(variable_name(label), kind)}_by_{unit_key(name, by)}")
-            columns.append((arrays["slopes"][:, k, j] * (DISPLAY[by][1] / unit)).tolist())
-    return names, [list(row) for row in zip(*columns, strict=True)]
-
-
 def _attributes(label: str, kind: str) -> dict[str, str]:
     return {"long_name": label.replace("_", " "), "units": SI[kind] or "1", "kind": kind}
+
+
+# --- a Dataset of any size, in parts ----------------------------------------------------------------------------------
+
+
+def quantities_of(data: xr.Dataset) -> list[str]:
+    return [str(name) for name, variable in data.data_vars.items() if "status" in variable.attrs]
+
+
+def varied_in(data: xr.Dataset) -> list[str]:
+    return [str(name) for name in data.coords if name != BY]
+
+
+def states_of(data: xr.Dataset) -> list[str]:
+    """The names of the variables that hold statuses."""
+    return [str(name) for name in data.data_vars if str(name).startswith(STATUS_OF)]
+
+
+def reason_of(status: str) -> str:
+    """The name of the variable of the reasons, from that of the statuses."""
+    return REASON_OF + status.removeprefix(STATUS_OF)
+
+
+def blocks_of(data: xr.Dataset, most: int = PIECE) -> Blocks:
+    """Runs of designs of a Dataset, none of which shares a chunk of the disk with another."""
+    like = data[quantities_of(data)[0]]
+    chunk = like.encoding.get("chunks") if like.encoding.get("chunks") else None
+    return Blocks(like.shape, chunk).joined(most) if chunk else Blocks.of(like.shape, most)
+
+
+def read(data: xr.Dataset, block: Block, names: list[str]) -> dict[str, np.ndarray]:
+    """Some variables of the designs of a block: one row per design."""
+    dims = data[quantities_of(data)[0]].dims
+    where = dict(zip(dims, block.box, strict=True))
+    found = {}
+    for name in names:
+        variable = data[name]
+        if variable.dims == (name,):
+            found[name] = spread_over(block, variable.values, dims.index(name))
+        else:
+            values = variable.isel(where).values
+            found[name] = values.reshape(block.stop - block.start, *values.shape[len(dims) :])
+    return found
+
+
+def pieces(data: xr.Dataset, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
+    """Some variables of all designs, in parts that take little memory."""
+    return (read(data, block, names) for block in blocks_of(data))
+
+
+def rows_of(data: xr.Dataset, chosen: np.ndarray) -> xr.Dataset:
+    """Some designs of a study, by their numbers, in memory, along the one dimension "design"."""
+    like = data[quantities_of(data)[0]]
+    places = np.unravel_index(np.asarray(chosen), like.shape)
+    where = {dim: xr.DataArray(place, dims=DESIGN) for dim, place in zip(like.dims, places, strict=True)}
+    return data.isel(where).load()
+
+
+def designs_in(data: xr.Dataset) -> int:
+    return math.prod(data[quantities_of(data)[0]].shape)
+
+
+def write_csv(data: xr.Dataset, path: Path) -> None:
+    """All designs as CSV: one row per design, units in the names of the columns, statuses and reasons by name."""
+    numbers, names = varied_in(data), quantities_of(data)
+    states = states_of(data)
+    slopes = [SLOPE_OF + name for name in names if SLOPE_OF + name in data]
+    words = {Status: [s.name for s in Status], Reason: {int(r): r.name for r in Reason}}
+    every = [*numbers, *states, *map(reason_of, states), *names, *slopes]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        for number, part in enumerate(pieces(data, every)):
+            table: dict[str, list[Any]] = {}
+            for name in numbers:
+                kind = data[name].attrs["kind"]
+                table[unit_key(name, kind)] = (part[name] / DISPLAY[kind][1]).tolist()
+            for name in states:
+                table[name] = [words[Status][s] for s in part[name]]
+                table[reason_of(name)] = [words[Reason][r] for r in part[reason_of(name)].tolist()]
+            for name in names:
+                kind = data[name].attrs["kind"]
+                unit, key = DISPLAY[kind][1], unit_key(name, kind)
+                table[key] = (part[name] / unit).tolist()
+                for j, by in enumerate(numbers if SLOPE_OF + name in data else ()):
+                    by_kind = data[by].attrs["kind"]
+                    slope = part[SLOPE_OF + name][:, j] * (DISPLAY[by_kind][1] / unit)
+                    table[f"d_{key}_by_{unit_key(by, by_kind)}"] = slope.tolist()
+            if number == 0:
+                writer.writerow(table)
+            writer.writerows(zip(*table.values(), strict=True))

@@ -120,8 +120,18 @@ class Samples(Designs):
         """Points start to stop - 1 in the unit cube."""
 
 
+SOBOL_BITS = 30
+"""Binary digits of a Sobol point: SciPy's own, enough for a thousand million points."""
+SOBOL_TABLE = 16
+"""The first 2^16 points are kept: every later run of as many is the same points with some digits flipped."""
+
+
 class Sobol(Samples):
     """A scrambled Sobol sequence: even in every projection, best at powers of two.
+
+    Any part of it costs what its own points cost. Point n is the exclusive or of what belongs to each binary digit of
+    n (its Gray code is linear in them), so that points start + i, with start a multiple of 2^16, are points i with the
+    digits flipped in which point start differs from point 0.
 
     Args:
         ranges: a `Range` per varied number.
@@ -138,14 +148,45 @@ class Sobol(Samples):
         (4, 1)
     """
 
+    def __init__(self, ranges: Sequence[Range], count: int, seed: int = 0):
+        super().__init__(ranges, count, seed)
+        self._table: np.ndarray | None = None
+        self._flips: list[np.ndarray] = []
+
     def unit(self, start, stop):
-        sequence = qmc.Sobol(self.columns, rng=self.seed)
-        if start:
-            sequence.fast_forward(start)
+        size = 1 << SOBOL_TABLE
+        if self._table is None:
+            self._table = self._digits(qmc.Sobol(self.columns, rng=self.seed, bits=SOBOL_BITS), min(size, self.count))
+        parts = []
+        for high in range(start >> SOBOL_TABLE, ((stop - 1) >> SOBOL_TABLE) + 1):
+            first = high << SOBOL_TABLE
+            part = self._table[max(start - first, 0) : min(stop - first, size)]
+            parts.append(part ^ self._flip(high))
+        return np.concatenate(parts) * 2.0**-SOBOL_BITS
+
+    def _flip(self, high: int) -> np.ndarray:
+        """The digits in which point high * 2^16 differs from point 0."""
+        assert self._table is not None
+        if high >> len(self._flips):
+            # SciPy goes through all points up to the one that is wanted: 1 s for 1e8, once.
+            sequence = qmc.Sobol(self.columns, rng=self.seed, bits=SOBOL_BITS)
+            for k in range(high.bit_length()):
+                sequence.fast_forward((1 << (SOBOL_TABLE + k)) - sequence.num_generated)
+                flip = self._digits(sequence, 1)[0] ^ self._table[0]
+                if k >= len(self._flips):
+                    self._flips.append(flip)
+        found = np.zeros_like(self._table[0])
+        for k, flip in enumerate(self._flips):
+            if high >> k & 1:
+                found ^= flip
+        return found
+
+    @staticmethod
+    def _digits(sequence: qmc.Sobol, count: int) -> np.ndarray:
         with warnings.catch_warnings():
             # A part of the sequence is never a power of two long; the whole is what counts.
             warnings.filterwarnings("ignore", message="The balance properties of Sobol")
-            return sequence.random(stop - start)
+            return (sequence.random(count) * 2**SOBOL_BITS).astype(np.uint32)
 
 
 class LatinHypercube(Samples):

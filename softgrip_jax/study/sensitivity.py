@@ -93,9 +93,9 @@ def _spread(study: Study, slopes: np.ndarray, widths: np.ndarray, report: Tell) 
     variances = (slopes * widths) ** 2 / 3
     parts = []
     report("samples of the tolerances", 0, study.designs.count)
-    for k, part in study.parts():
+    for done, part in study.parts():
         parts.append(part)
-        report("samples of the tolerances", min((k + 1) * study.chunk, study.designs.count), study.designs.count)
+        report("samples of the tolerances", done, study.designs.count)
     seen = np.concatenate([part["values"] for part in parts])
     answered = np.concatenate([part["statuses"] for part in parts])[:, study.asked.state_of] == Status.OK
     answered &= np.isfinite(seen)

@@ -1,23 +1,22 @@
-"""A study in a folder: it may be stopped at any moment, even killed, and goes on where it was.
+"""A study in a store (Zarr, version 3): it may be stopped at any moment, even killed, and goes on where it was.
 
-manifest.json says what is being run; chunks/000012.npz holds one chunk and appears complete or not at all; study.nc
-and study.csv are written from the chunks when all are there, and the chunks are then removed. A chunk is computed by
-one program from its own rows alone, so a study in two parts equals one that was never stopped, bit for bit. A chunk
-that cannot be read any more is computed again.
+The store is made as a whole first, with its labels and units and nothing in it; then every block of designs writes its
+own chunk of every variable, which appears complete or not at all. A block is computed by one program from its own
+designs alone, so a study in two parts, or by many processes, equals one that was never stopped, bit for bit. Every
+chunk has a checksum: one that cannot be read any more is computed again.
 """
 
 from __future__ import annotations
 
-import csv
-import hashlib
 import json
 import platform
-import shutil
-import zipfile
-import zlib
-from collections.abc import Callable
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
@@ -25,20 +24,42 @@ import xarray as xr
 
 from .._version import __version__
 from ..errors import ConfigError
-from ..folders import write_whole
-from .dataset import csv_rows, labelled
+from ..results import Status
+from .blocks import Block
+from .dataset import BY, TITLE, axes, by_names, columns, pieces, states_of
+from .designs import Grid
 from .study import Study
 
-MANIFEST, RESULT, TABLE, CHUNKS = "manifest.json", "study.nc", "study.csv", "chunks"
+STORE, OLD_RESULT, OLD_MANIFEST = "study.zarr", "study.nc", "manifest.json"
+BEGUN = "study"
+"""The attribute that says which study the store is of, and makes a folder of arrays a store of ours."""
+COMPRESSION = {"cname": "lz4", "clevel": 1, "shuffle": "shuffle"}
+"""Blosc: as quick as the disk. What is computed has few digits in common, and slower ways save 1 % more."""
+WAITING = 2
+"""Blocks that are computed and not yet written."""
 
 Report = Callable[[int, int], None]
+Computing = Callable[["Store", Sequence[int], Callable[[int, str], None]], None]
+"""Like `compute`."""
+AGAIN = "run it again with the same --out or --to"
 
 
-def load_study(folder: str | Path) -> xr.Dataset:
+def address_of(place: str | Path) -> str:
+    """Where the store is: study.zarr in a folder, or what is named, where that is an address (s3://...) or ends in
+    .zarr."""
+    text = str(place)
+    is_store = "://" in text or text.rstrip("/").endswith(".zarr")
+    return text if is_store else str(Path(text) / STORE)
+
+
+def load_study(place: str | Path) -> xr.Dataset:
     """The result of `softgrip sweep` or `run_in`, opened lazily: what is not looked at stays on the disk.
 
+    Where dask is installed its arrays are those of dask, so that computations go through a study of any size.
+
     Args:
-        folder: of the study.
+        place: the folder of a study, or its store: a path that ends in .zarr, or an address (s3://...) that fsspec
+            knows.
 
     Returns:
         An xarray Dataset in SI.
@@ -49,37 +70,59 @@ def load_study(folder: str | Path) -> xr.Dataset:
     Examples:
         >>> sg.load_study("nowhere")
         Traceback (most recent call last):
-        softgrip_jax.errors.ConfigError: nowhere cannot be opened: there is no study.nc in it.
+        softgrip_jax.errors.ConfigError: nowhere cannot be opened: there is no study in it.
     """
-    path = Path(folder) / RESULT
-    if not path.is_file():
-        started = (Path(folder) / MANIFEST).is_file()
-        words = (
-            "its study is not finished; run it again with the same --out" if started else f"there is no {RESULT} in it"
-        )
-        raise ConfigError(f"{folder} cannot be opened: {words}.")
-    return xr.open_dataset(path, engine="h5netcdf")
+    old = Path(place) / OLD_RESULT
+    if "://" not in str(place) and old.is_file():
+        return xr.open_dataset(old, engine="h5netcdf")
+    return opened(place, {} if find_spec("dask") else None)
+
+
+def opened(place: str | Path, chunks: dict[str, int] | None = None) -> xr.Dataset:
+    """The Dataset of a finished study; without dask where no chunks are given."""
+    address = address_of(place)
+    begun = _begun(address)
+    if begun is None:
+        is_old = "://" not in address and (Path(place) / OLD_MANIFEST).is_file()
+        why = f"its study is not finished; {AGAIN}" if is_old else "there is no study in it"
+        raise ConfigError(f"{place} cannot be opened: {why}.")
+    if not begun["finished"]:
+        raise ConfigError(f"{place} cannot be opened: its study is not finished; {AGAIN}.")
+    return _dataset(address, chunks)
+
+
+def _dataset(address: str, chunks: dict[str, int] | None = None) -> xr.Dataset:
+    data = xr.open_dataset(_target(address), engine="zarr", consolidated=False, chunks=chunks)
+    said = data.attrs[BEGUN]
+    # A store has no order: that of the study is in the attributes. So are the names of what the derivatives are taken
+    # by: Zarr has no type for words yet that all its readers know.
+    coords: dict[str, Any] = {name: data[name].variable for name in said["varied"]}
+    coords |= by_names(said["varied"]) if BY in data.dims else {}
+    variables = {name: data[name].variable for name in said["variables"] if name not in coords}
+    return xr.Dataset(variables, coords, data.attrs)
 
 
 def run_in(
-    folder: Path,
+    place: str | Path,
     study: Study,
     identity: str,
     report: Report = lambda done, skipped: None,
     remark: Callable[[str], None] = lambda sentence: None,
+    spread: Computing | None = None,
 ) -> None:
-    """Run a study in a folder; where the folder holds a part of it already, go on from there.
+    """Run a study in a store, or go on with it.
 
     Args:
-        folder: made where it does not exist.
+        place: a folder, which is made where it does not exist, or a store (see `load_study`).
         study: what to run.
-        identity: what tells this study from others, the text of its config for instance: a folder that was begun with
+        identity: what tells this study from others, the text of its config for instance: a store that was begun with
             another one, by another version or on another kind of machine is refused.
-        report: called with (designs done, designs that were found done) at the start and after every chunk.
+        report: called with (designs done, designs that were found done) at the start and after every block.
         remark: called with a sentence where chunks that were found cannot be read, and are computed again.
+        spread: what computes in place of this process: `softgrip_jax.study.cluster.client` gives one.
 
     Raises:
-        ConfigError: where the folder holds something else.
+        ConfigError: where the place holds something else, or cannot be written.
 
     Examples:
         >>> from pathlib import Path
@@ -91,101 +134,261 @@ def run_in(
         ...     print(f"{float(data.inflation_at_15_kPa[1]) / mm:.4f} mm")
         13.4067 mm
     """
-    begun = _manifest(study, identity)
-    previous = _read_manifest(folder)
-    if previous is None:
-        (folder / CHUNKS).mkdir(parents=True, exist_ok=True)
-        write_whole(folder / MANIFEST, json.dumps(begun | {"finished": False}, indent=2).encode())
-    elif {k: v for k, v in previous.items() if k != "finished"} != begun:
-        differing = ", ".join(k for k in begun if previous.get(k) != begun[k])
-        raise ConfigError(f"{folder} holds another study (different: {differing}); give --out a new name.")
-    elif previous["finished"]:
-        shutil.rmtree(folder / CHUNKS, ignore_errors=True)
-        report(study.designs.count, study.designs.count)
-        return
-    (folder / CHUNKS).mkdir(exist_ok=True)
-    there = [k for k in range(study.chunks) if _chunk_path(folder, k).is_file()]
-    done = [k for k in there if _is_whole(folder, k, study)]
-    lost = [_chunk_path(folder, k) for k in there if k not in set(done)]
-    if lost:
-        others = f" and {len(lost) - 1} more" if lost[1:] else ""
-        remark(f"{lost[0]}{others} cannot be read, of {len(there)} that were there; the designs are computed again.")
-    skipped = sum(len(study.rows(k)) for k in done)
-    report(skipped, skipped)
-    finished = skipped
-    for k, part in study.parts(skip=done):
-        write_whole(_chunk_path(folder, k), lambda path, part=part: np.savez(path, **part))
-        finished += len(part["values"])
-        report(finished, skipped)
-    _collect(folder, study)
-    write_whole(folder / MANIFEST, json.dumps(begun | {"finished": True}, indent=2).encode())
-    shutil.rmtree(folder / CHUNKS)
+    address, start = address_of(place), time.monotonic()
+    here = device()
+    begun = _identity(study, identity)
+    previous = _begun(address)
+    try:
+        if previous is None:
+            state = {"begun": begun, "varied": study.leaves.names, "finished": False}
+            state["variables"] = [column.name for column in columns(study)]
+            _make(address, study, state | {"devices": [here] if spread is None else []})
+        else:
+            differing = [k for k, v in begun.items() if previous["begun"].get(k) != v]
+            if spread is None and here not in previous["devices"] and previous["devices"]:
+                differing.append("device")
+            if differing and not (previous["finished"] and differing == ["device"]):
+                raise ConfigError(f"{place} holds another study (different: {', '.join(differing)}); give a new name.")
+        store = Store(address, study)
+        lost, todo, skipped = store.missing()
+        if lost:
+            others = f" and {len(lost) - 1} more" if lost[1:] else ""
+            there = len(study.blocks) - len(todo) + len(lost)
+            remark(
+                f"{lost[0]}{others} cannot be read, of {there} blocks that were there; the designs are computed again."
+            )
+        report(skipped, skipped)
+        if not todo and previous is not None and previous["finished"]:
+            return
+        store.mark({"finished": False})
+        done = skipped
+
+        def tell(count: int, by: str) -> None:
+            nonlocal done
+            done += count
+            store.mark_device(by)
+            report(done, skipped)
+
+        (spread or compute)(store, todo, tell)
+        store.finish(time.monotonic() - start)
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise ConfigError(f"{address} cannot be written: {why}; when that is mended, {AGAIN}.") from None
 
 
-def _manifest(study: Study, identity: str) -> dict[str, Any]:
+def compute(store: Store, todo: Sequence[int], tell: Callable[[int, str], None]) -> None:
+    """Compute blocks and write them, the next one while the last one is written; tell(designs, kind of device) after
+    every one."""
+    study, here = store.study, device()
+    with ThreadPoolExecutor(1) as writer:
+        waiting: deque[tuple[Block, Future[None]]] = deque()
+
+        def settle(most: int) -> None:
+            while len(waiting) > most:
+                block, written = waiting.popleft()
+                written.result()
+                tell(block.stop - block.start, here)
+
+        for k in todo:
+            block = study.blocks[k]
+            rows = study.designs.rows(block.start, block.stop)
+            waiting.append((block, writer.submit(store.write, block, rows, study.evaluate(rows))))
+            settle(WAITING)
+        settle(0)
+
+
+class Store:
+    """The arrays of a study that was begun, open for writing."""
+
+    def __init__(self, address: str, study: Study):
+        import zarr
+
+        self.address, self.study, self.columns = address, study, columns(study)
+        self.group = zarr.open_group(_target(address), mode="r+", zarr_format=3)
+        try:
+            self.arrays: dict[str, Any] = {column.name: self.group[column.name] for column in self.columns}
+        except (KeyError, ValueError, TypeError):
+            raise ConfigError(f"{address} lacks a part of its study, or it is not readable; give a new name.") from None
+
+    def write(self, block: Block, rows: np.ndarray, found: dict[str, np.ndarray]) -> None:
+        for column in self.columns:
+            values = column.of(rows, found)
+            self.arrays[column.name][block.box] = values.reshape(*block.shape, *values.shape[1:])
+
+    def missing(self) -> tuple[list[str], list[int], int]:
+        """(chunks that are there and cannot be read, blocks to compute, designs that are done); what cannot be read is
+        removed."""
+        lost, todo, done = [], [], 0
+        for k, block in enumerate(self.study.blocks):
+            keys = [self._key(column, block) for column in self.columns]
+            there = [self._exists(key) for key in keys]
+            bad = next((key for key, is_there in zip(keys, there, strict=True) if is_there and self._spoilt(key)), None)
+            if bad is not None:
+                lost.append(f"{self.address.rstrip('/')}/{bad}")
+            if bad is None and all(there):
+                done += block.stop - block.start
+                continue
+            todo.append(k)
+            for key, is_there in zip(keys, there, strict=True):
+                if is_there:
+                    self._sync(self.group.store.delete(key))
+        return lost, todo, done
+
+    def _key(self, column: Any, block: Block) -> str:
+        further = (0,) * (len(column.dims) - len(block.place))
+        return "/".join(map(str, (column.name, "c", *block.place, *further)))
+
+    def _spoilt(self, key: str) -> bool:
+        """Whether a chunk does not hold what was written: its checksum, or anything else of it, is wrong."""
+        name, _, places = key.partition("/c/")
+        array = self.arrays[name]
+        box = tuple(slice(int(i) * c, (int(i) + 1) * c) for i, c in zip(places.split("/"), array.chunks, strict=True))
+        try:
+            array[box]
+        except OSError:
+            raise
+        except Exception:  # the codecs have no exception in common
+            return True
+        return False
+
+    def _exists(self, key: str) -> bool:
+        return self._sync(self.group.store.exists(key))
+
+    @staticmethod
+    def _sync(coroutine: Any) -> Any:
+        from zarr.core.sync import sync
+
+        return sync(coroutine)
+
+    def mark(self, changes: dict[str, Any]) -> None:
+        """Change what the attributes say of the run."""
+        now: dict[str, Any] = dict(cast(Any, self.group.attrs[BEGUN]))
+        if any(now.get(name) != value for name, value in changes.items()):
+            self.group.update_attributes({BEGUN: now | changes})
+
+    def mark_device(self, name: str) -> None:
+        """A kind of device that has computed a part of the study."""
+        devices = cast(Any, self.group.attrs[BEGUN])["devices"]
+        if name not in devices:
+            self.mark({"devices": sorted([*devices, name])})
+
+    def finish(self, seconds: float) -> None:
+        counts = status_counts(_dataset(self.address))
+        self.mark({"finished": True, "seconds": round(seconds, 3), "statuses": counts})
+
+
+def status_counts(data: xr.Dataset) -> dict[str, dict[str, int]]:
+    """For every state how many designs have which status."""
+    names = states_of(data)
+    totals = {name: np.zeros(len(Status), dtype=np.int64) for name in names}
+    for part in pieces(data, names):
+        for name in names:
+            totals[name] += np.bincount(part[name], minlength=len(Status))
+    return {name: {s.name: int(total[s]) for s in Status if total[s]} for name, total in totals.items()}
+
+
+def device() -> str:
+    """The kind of device that this process computes on."""
+    return f"{jax.devices()[0].device_kind} {platform.machine()}"
+
+
+def _identity(study: Study, identity: str) -> dict[str, Any]:
+    """What must be the same for a study to go on."""
     return {
         "designs": study.designs.count,
-        "designs_per_chunk": study.chunk,
-        "chunks": study.chunks,
-        "config": hashlib.sha256(identity.encode()).hexdigest(),
+        "block": list(study.blocks.chunk),
+        "config": identity,
+        "seed": getattr(study.designs, "seed", None),
         "softgrip_jax": __version__,
         "jax": jax.__version__,
         "numpy": np.__version__,
-        "device": f"{jax.devices()[0].device_kind} {platform.machine()}",
     }
 
 
-def _read_manifest(folder: Path) -> dict[str, Any] | None:
+def _target(address: str) -> Any:
+    """What zarr opens."""
+    from zarr.storage import FsspecStore, LocalStore
+
+    if "://" not in address:
+        return LocalStore(address)
     try:
-        return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        # What is not local has no folders that must be made first.
+        options = {"auto_mkdir": True} if address.startswith(("file://", "local://")) else {}
+        return FsspecStore.from_url(address, storage_options=options)
+    except (ImportError, ValueError) as error:
+        raise ConfigError(f"{address} cannot be opened: {str(error).rstrip('.')}.") from None
+
+
+def _begun(address: str) -> dict[str, Any] | None:
+    """What the store says of its study, None where there is none yet; a ConfigError where it is of something else."""
+    import zarr
+
+    place = Path(address)
+    if "://" not in address:
+        _refuse_others(place)
+    try:
+        attributes = zarr.open_group(_target(address), mode="r", zarr_format=3).attrs
+        state = cast(Any, attributes.get(BEGUN))
     except FileNotFoundError:
-        if folder.exists() and any(path.name != CHUNKS and not path.name.startswith(".") for path in folder.iterdir()):
-            raise ConfigError(f"{folder} exists already and holds no study; give --out a new name.") from None
         return None
-    except (json.JSONDecodeError, UnicodeDecodeError):
-        raise ConfigError(f"{folder / MANIFEST} is not readable; give --out a new name.") from None
+    except ConfigError:
+        raise
+    except Exception as error:
+        words = error.strerror if isinstance(error, OSError) and error.strerror else "its zarr.json is damaged"
+        raise ConfigError(f"{address} is not readable: {words.lower()}; give a new name.") from None
+    return None if state is None else dict(state)
 
 
-def _chunk_path(folder: Path, k: int) -> Path:
-    return folder / CHUNKS / f"{k:06d}.npz"
+def _refuse_others(store: Path) -> None:
+    """A ConfigError where the folder has other things and no store, or the store is a folder of something else."""
+    if store.is_dir() and any(store.iterdir()) and not (store / "zarr.json").is_file():
+        raise ConfigError(f"{store} exists already and holds no study; give a new name.")
+    folder = store.parent
+    if store.name == STORE and not store.exists() and folder.is_dir():
+        ours = {"config.toml", STORE}
+        if any(path.name not in ours and not path.name.startswith(".") for path in folder.iterdir()):
+            raise ConfigError(f"{folder} exists already and holds no study; give a new name.")
 
 
-def _chunk(folder: Path, k: int) -> dict[str, np.ndarray]:
-    # NumPy leaves a file open that it cannot read, where it has opened it itself.
-    with _chunk_path(folder, k).open("rb") as file, np.load(file) as arrays:
-        return dict(arrays)
+def _make(address: str, study: Study, state: dict[str, Any]) -> None:
+    """The store with all its labels and no results. What it is of is written last: before that it is no study."""
+    import zarr
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    group = zarr.open_group(_target(address), mode="a", zarr_format=3)
+    known = {column.name for column in columns(study)} | set(axes(study))
+    others = sorted(set(group.array_keys()) - known)
+    if others or dict(group.attrs):
+        raise ConfigError(f"{address} exists already and holds no study; give a new name.")
+    settings: dict[str, Any] = {"overwrite": True, "compressors": [BloscCodec(**COMPRESSION), Crc32cCodec()]}
+    for name, (dim, values, attributes) in axes(study).items():
+        values = np.asarray(values)
+        array = group.create_array(
+            name,
+            shape=values.shape,
+            dtype=values.dtype,
+            dimension_names=[dim],
+            attributes=_plain(attributes),
+            **settings,
+        )
+        array[:] = values
+    for column in columns(study):
+        further = (study.leaves.size,) * (len(column.dims) - len(study.designs.shape))
+        group.create_array(
+            column.name,
+            shape=(*study.designs.shape, *further),
+            chunks=(*study.blocks.chunk, *further),
+            dtype=column.dtype,
+            fill_value=np.nan if column.dtype is float else -1,
+            dimension_names=column.dims,
+            attributes=_plain(column.attributes),
+            config={"write_empty_chunks": True},
+            **settings,
+        )
+    coordinates = {} if isinstance(study.designs, Grid) else {"coordinates": " ".join(study.leaves.names)}
+    group.update_attributes({**TITLE, **coordinates, BEGUN: state})
 
 
-def _is_whole(folder: Path, k: int, study: Study) -> bool:
-    """Whether a chunk holds what it was written with: its checksums are right, and it has every number of its rows."""
-    try:
-        chunk = _chunk(folder, k)
-    except (zipfile.BadZipFile, zlib.error, ValueError, KeyError, EOFError, NotImplementedError):
-        return False
-    shapes = study.shapes(len(study.rows(k)))
-    return all(name in chunk and chunk[name].shape == shape for name, shape in shapes.items())
-
-
-def _collect(folder: Path, study: Study) -> None:
-    """study.csv and study.nc from all chunks, with one chunk and one column in memory at a time."""
-    count, first = study.designs.count, _chunk(folder, 0)
-    like = first | {"designs": study.rows(0)}
-    # Files in place of arrays: the system keeps of them in memory what there is room for.
-    whole = {
-        name: np.lib.format.open_memmap(folder / CHUNKS / f"all_{name}.npy", "w+", part.dtype, (count, *part.shape[1:]))
-        for name, part in like.items()
-    }
-
-    def write_table(path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            for k in range(study.chunks):
-                rows, part = study.rows(k), _chunk(folder, k)
-                for name, values in (part | {"designs": rows}).items():
-                    whole[name][k * study.chunk : k * study.chunk + len(rows)] = values
-                names, lines = csv_rows(study, rows, part)
-                writer.writerows([names, *lines] if k == 0 else lines)
-
-    write_whole(folder / TABLE, write_table)
-    data = labelled(study, whole.pop("designs"), whole)
-    write_whole(folder / RESULT, lambda path: data.to_netcdf(path, engine="h5netcdf"))
+def _plain(attributes: dict[str, Any]) -> dict[str, Any]:
+    """As JSON has them."""
+    return json.loads(json.dumps(attributes, default=lambda value: value.tolist()))

@@ -1,4 +1,4 @@
-"""A parameter study: quantities of many designs, in chunks of one size through one compiled function."""
+"""A parameter study: quantities of many designs, in blocks of one size through one compiled function."""
 
 from __future__ import annotations
 
@@ -11,20 +11,28 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jax import lax
+from jax.sharding import AxisType, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
+from ..curve_scene import CurveScene
 from ..errors import InputError
 from ..parameters import Named, Parameter, Parameters, Scenes
 from ..quantities import Quantity, QuantitySet
 from ..scene import Scene
+from .blocks import Blocks
 from .dataset import labelled
 from .designs import Designs
 
-CHUNK = 4096
-"""Designs per call: seconds of work between two marks of progress, kilobytes of memory per quantity."""
+BLOCK = 1 << 16
+"""Designs per block, which is computed by one call and stored in one chunk per variable, of scenes with one unknown."""
+SLOW_BLOCK = 1 << 13
+"""... and of others, whose designs take tens of microseconds and more: a study that is killed loses a block."""
 
-BATCH = 128
-"""Lanes that run together within a call. A batch runs to its slowest lane, so more of them only wait for each other."""
+BATCH = {"cpu": 1024}
+"""Designs that are solved together within a call: on a CPU as many as its second cache holds. Free fingers, shells and
+held fingers are within a tenth of their best between 512 and 4096."""
+LEAST_BATCH = 128
+"""For studies of less than a batch."""
 
 
 class Study:
@@ -66,20 +74,17 @@ class Study:
         self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
-        self.chunk = min(CHUNK, -(-designs.count // BATCH) * BATCH)
-        """Designs per call; small studies do not pay for a full one."""
-
-    @property
-    def chunks(self) -> int:
-        """Number of chunks."""
-        return -(-self.designs.count // self.chunk)
+        self.batch = min(BATCH.get(jax.default_backend(), BLOCK), _power_of_two(max(designs.count, LEAST_BATCH)))
+        """Designs that are solved together; small studies do not pay for a full batch."""
+        self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
         """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
 
         def values(x):
             found = self.asked.measure(self.leaves.scenes_at(x))
-            return found.values, {"values": found.values, "statuses": found.statuses, "reasons": found.reasons}
+            statuses, reasons = found.statuses.astype(jnp.int8), found.reasons.astype(jnp.int16)
+            return found.values, {"values": found.values, "statuses": statuses, "reasons": reasons}
 
         if not self.gradients:
             return values(x)[1]
@@ -87,39 +92,65 @@ class Study:
         # A lane without an answer has no slope either: zero would be read as one.
         return {**found, "slopes": jnp.where(jnp.isfinite(found["values"])[:, None], slopes, jnp.nan)}
 
-    def shapes(self, count: int) -> dict[str, tuple[int, ...]]:
-        """Of the arrays that `evaluate` gives for so many designs."""
-        quantities, states = len(self.asked.quantities), len(self.asked.states)
-        shapes = {"values": (count, quantities), "statuses": (count, states), "reasons": (count, states)}
-        return shapes | ({"slopes": (count, quantities, self.leaves.size)} if self.gradients else {})
-
     @cached_property
     def compiled(self) -> Any:
-        """`measure` of a whole chunk, as one program."""
-        return jax.jit(lambda x: lax.map(self.measure, x, batch_size=BATCH))
+        """The function of a call's designs. Where the process has several devices each takes its part of them."""
+        devices = jax.devices()
+        if len(devices) == 1 or self.call % (self.batch * len(devices)):
+            return jax.jit(self._batches)
+        mesh = jax.make_mesh((len(devices),), ("devices",), axis_types=(AxisType.Auto,))
+        parts = PartitionSpec("devices")
+        each = jax.shard_map(self._batches, mesh=mesh, in_specs=parts, out_specs=parts, check_vma=False)
+        return jax.jit(each, in_shardings=NamedSharding(mesh, parts))
+
+    def _batches(self, x: Float[Array, "d n"]) -> dict[str, Array]:
+        return lax.map(self.measure, x, batch_size=self.batch)
+
+    @property
+    def call(self) -> int:
+        """Designs of a call: those of a block, filled up to whole batches, of which every device gets as many."""
+        whole, devices = -(-self.blocks.size // self.batch), len(jax.devices())
+        return self.batch * (whole if whole < devices else -(-whole // devices) * devices)
 
     def evaluate(self, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Up to `chunk` designs. A part of a chunk is filled up with its last row, so that one program runs them all
-        and a design gives the same bits wherever it stands."""
-        missing = self.chunk - len(rows)
-        found = self.compiled(jnp.asarray(np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)])))
-        return {name: np.asarray(value)[: len(rows)] for name, value in found.items()}
+        """Up to a block of designs. What is missing to a call is filled up with the last row, so that one program runs
+        them all and a design gives the same bits wherever it stands."""
+        missing = self.call - len(rows)
+        if missing:
+            rows, count = np.concatenate([rows, np.repeat(rows[-1:], missing, axis=0)]), len(rows)
+        else:
+            count = len(rows)
+        return {name: np.asarray(value)[:count] for name, value in self.compiled(rows).items()}
 
     def measured_alone(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """One design, without the cost of a batch."""
         return {name: np.asarray(value) for name, value in jax.jit(self.measure)(jnp.asarray(x)).items()}
 
-    def parts(self, skip: Sequence[int] = ()) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
-        """(number, results) of every chunk but those in `skip`."""
-        for k in sorted(set(range(self.chunks)) - set(skip)):
-            yield k, self.evaluate(self.rows(k))
-
     def rows(self, k: int) -> np.ndarray:
-        """The designs of chunk k."""
-        return self.designs.rows(k * self.chunk, min((k + 1) * self.chunk, self.designs.count))
+        """The designs of block k."""
+        return self.designs.rows(self.blocks[k].start, self.blocks[k].stop)
+
+    def parts(self) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """(designs done, results) of every block."""
+        for block in self.blocks:
+            yield block.stop, self.evaluate(self.designs.rows(block.start, block.stop))
 
     def run(self) -> xr.Dataset:
-        """The whole study in memory; `softgrip_jax.study.run_in` works in a folder, for more than fits."""
+        """The whole study in memory; `softgrip_jax.study.run_in` works in a store, for more than fits."""
         parts = [part for _, part in self.parts()]
         arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
         return labelled(self, self.designs.rows(0, self.designs.count), arrays)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to another process, which compiles for itself."""
+        return {name: value for name, value in self.__dict__.items() if name != "compiled"}
+
+
+def _power_of_two(count: int) -> int:
+    return 1 << (count - 1).bit_length()
+
+
+def _is_quick(scenes: Scenes) -> bool:
+    """Whether every scene has one unknown, or a closed form."""
+    prepared = [scene.prepared() for scene in scenes.values()]
+    return all(isinstance(scene, CurveScene) or scene.unknown_shape() == (1,) for scene in prepared)

@@ -1,0 +1,156 @@
+"""A study on the workers of Dask: ranges of blocks, each written by the worker that computes it.
+
+The scheduler is told numbers of blocks and hears counts; designs and results never pass through it. Every worker gets
+the study once, when it joins, and compiles once. What a worker that dies had not written is given to another; where the
+scheduler or this process dies the store keeps what was written, and the next run goes on.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import logging
+import os
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any
+from urllib.parse import urlsplit
+
+from ..errors import ConfigError
+from .store import AGAIN, Store
+
+RANGE_SECONDS = 3.0
+"""Of work in a range: a thousand times what it costs to hand one out, and what is lost with a worker."""
+QUEUED = 2
+"""Ranges that every worker has: one at work and one that waits."""
+REACHED_SECONDS = 10
+"""Until a scheduler that does not answer is said to be none."""
+PATIENCE = 120.0
+"""Seconds without any worker until the run is given up."""
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+}
+"""Each worker is a process with one thread of XLA on a core of its own."""
+
+
+@contextmanager
+def client(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Any]:
+    """What computes on workers: on processes of this machine, which end with it, or on those of a scheduler that runs.
+
+    Certificates for a scheduler (tls://) are those of Dask's own configuration, `distributed.comm.tls`.
+
+    Raises: ConfigError where dask is not installed, where both or none are asked for, where a scheduler on another
+        machine would be talked to in the clear, and where there is none.
+    """
+    if (workers is None) == (scheduler is None):
+        raise ConfigError("--workers starts processes and --scheduler uses those of a cluster; give one of them.")
+    if scheduler is not None:
+        refuse_plain(scheduler, insecure)
+    try:
+        import distributed
+        from distributed.security import Security
+    except ImportError:
+        raise ConfigError("--workers and --scheduler need Dask; pip install softgrip_jax[cluster].") from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    if workers is not None:
+        flags = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD['XLA_FLAGS']}".strip()
+        # Only who holds these certificates, which are in the memory of these processes alone, can send work.
+        with (
+            distributed.LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                host="tls://127.0.0.1",
+                dashboard_address=None,
+                security=Security.temporary(),
+                env=ONE_THREAD | {"XLA_FLAGS": flags},
+                silence_logs=logging.CRITICAL,
+            ) as cluster,
+            distributed.Client(cluster) as found,
+        ):
+            yield partial(compute_on, found, True)
+        return
+    try:
+        found = distributed.Client(scheduler, security=Security(), timeout=REACHED_SECONDS)
+    except (OSError, TypeError, ValueError, RuntimeError) as error:
+        words = " ".join(str(error).split()).rstrip(".") or "it does not answer"
+        raise ConfigError(f"The scheduler {scheduler} cannot be reached: {words}.") from None
+    with found:
+        yield partial(compute_on, found, False)
+
+
+def refuse_plain(address: str, insecure: bool) -> None:
+    """A ConfigError for an address in the clear that is not of this machine: who can reach a Dask scheduler can run
+    anything on its workers and its clients."""
+    parts = urlsplit(address if "://" in address else f"tcp://{address}")
+    host = parts.hostname or ""
+    try:
+        is_local = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        is_local = False
+    if parts.scheme not in ("tls", "tcp") or not host:
+        raise ConfigError(f"--scheduler is {address!r}; it must be an address such as tls://host:8786.")
+    if parts.scheme == "tcp" and not is_local and not insecure:
+        raise ConfigError(
+            f"--scheduler is {address!r}, another machine without encryption, and whoever reaches it can run programs "
+            "here; use tls://, or --insecure in a network that you trust."
+        )
+
+
+def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tell: Callable[[int, str], None]) -> None:
+    """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
+    import cloudpickle
+    from distributed import wait
+    from distributed.comm import CommClosedError
+    from distributed.scheduler import KilledWorker
+
+    from .worker import StudyPlugin, run_range
+
+    name = f"softgrip-{uuid.uuid4().hex}"
+    content = cloudpickle.dumps((store.address, store.study))
+    try:
+        client.register_plugin(StudyPlugin(name, content, pinned))
+        ranges = _Ranges(todo)
+        pending: dict[Any, list[int]] = {}
+        seen = time.monotonic()
+        while len(ranges) or pending:
+            threads = sum(client.nthreads().values())
+            if not threads and time.monotonic() - seen > PATIENCE:
+                raise ConfigError(f"The scheduler has had no workers for {PATIENCE:.0f} s; {AGAIN} when it has some.")
+            while len(ranges) and len(pending) < QUEUED * max(threads, 1):
+                blocks = ranges.next()
+                pending[client.submit(run_range, name, blocks, pure=False)] = blocks
+            with suppress(TimeoutError):
+                # Looked at again now and then: workers may have joined.
+                wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
+            for future in [future for future in pending if future.done()]:
+                seen, blocks = time.monotonic(), pending.pop(future)
+                count, seconds, kind = future.result()
+                ranges.learn(len(blocks), seconds)
+                tell(count, kind)
+        client.unregister_worker_plugin(name)
+    except KilledWorker:
+        raise ConfigError(f"The study was not finished: the same designs ended several workers; {AGAIN}.") from None
+    except (asyncio.CancelledError, CommClosedError, TimeoutError):
+        raise ConfigError(f"The study was not finished: the scheduler was lost; when it is back, {AGAIN}.") from None
+
+
+class _Ranges:
+    """Blocks in ranges that take RANGE_SECONDS, as far as is known."""
+
+    def __init__(self, todo: Sequence[int]):
+        self.todo, self.start, self.length = list(todo), 0, 1
+
+    def __len__(self) -> int:
+        return len(self.todo) - self.start
+
+    def next(self) -> list[int]:
+        blocks = self.todo[self.start : self.start + self.length]
+        self.start += len(blocks)
+        return blocks
+
+    def learn(self, blocks: int, seconds: float) -> None:
+        self.length = max(1, min(round(RANGE_SECONDS * blocks / max(seconds, 1e-6)), 2 * self.length))
