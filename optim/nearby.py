@@ -7,6 +7,8 @@ tell. What a search reports in the end is therefore solved along the whole way.
 
 from __future__ import annotations
 
+from typing import Any, cast
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -42,11 +44,11 @@ def state_at(scene: PathScene, at: State, u: Float[Array, " n"]) -> tuple[Array,
 
     at: a pressure (Pa), "required", or (observable, value), as in `quantities`.
     """
-    scene = scene.prepared()
+    scene = cast(PathScene, scene.prepared())
     unknowns, pressure = (u[:-1], u[-1] * PRESSURE) if is_sought(at) else (u, jnp.asarray(at, u.dtype))
     residual, observed = scene.evaluated(unknowns, pressure)
     if is_sought(at):
-        name, target = scene.target() if at == REQUIRED else at
+        name, target = cast(Any, scene.target() if at == REQUIRED else at)
         residual = jnp.append(residual, surplus_over(name, jnp.asarray(target, u.dtype), observed))
     margins = scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
     none, number = jnp.zeros((), u.dtype), jnp.asarray(0)

@@ -48,7 +48,20 @@ AMERICAN = {"minimize": "minimise", "maximize": "maximise"}
 
 @dataclasses.dataclass(frozen=True)
 class GoalKind:
-    """What a goal wants: term(goal, value, scale) is the pure number that is minimised, `goal.weight` included."""
+    """What a goal wants, as a term of the objective.
+
+    Args:
+        name: for messages and tables.
+        term: term(goal, value, scale) is the pure number that is minimised, `goal.weight` included; value and scale in
+            SI.
+        has_target: whether a goal of this kind has a target.
+
+    Examples:
+        >>> kind = optim.GoalKind("at least zero", lambda goal, value, scale: jnp.maximum(-value, 0) / scale)
+        >>> goal = optim.Goal(kind, optim.Quantity("inflation", at=15 * kPa))
+        >>> print(goal.term(jnp.asarray(-3.0), 2.0))
+        1.5
+    """
 
     name: str
     term: Callable[[Goal, Scalar, float | Scalar], Scalar]

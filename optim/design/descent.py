@@ -16,7 +16,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -127,7 +127,10 @@ class Evaluator:
             return self._with_shortfalls(t)
         if not len(self.at):
             self._begin(t[:1])
-        found, left = self._nearby(t) if len(self.at) else (None, np.arange(len(t)))
+        found: Any = None
+        left = np.arange(len(t))
+        if len(self.at):
+            found, left = self._nearby(t)
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
             self._begin(t[left])
@@ -166,7 +169,7 @@ class Evaluator:
         """What is found from the designs that are known, and the rows that are not found so."""
         nearest = np.argmin(np.sum((t[:, None] - self.at[None]) ** 2, axis=-1), axis=1)
         known = jax.tree.map(lambda v: v[nearest], self.places)
-        left, found = np.arange(len(t)), None
+        left, found = np.arange(len(t)), cast(Any, None)
         for _ in range(ROUNDS):
             measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
             fresh = _evaluated(measured, t.shape[1], slopes)

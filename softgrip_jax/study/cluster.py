@@ -104,7 +104,7 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
     """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
     import cloudpickle
     from distributed import wait
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
     from .worker import StudyPlugin, run_range

@@ -26,7 +26,13 @@ Scalar = Float[Array, ""]
 
 
 class SectionLaw(eqx.Module):
-    """m, n <-> z, lambda of one cross-section."""
+    """The law of one cross-section: m, n <-> z, lambda.
+
+    m = M / (mu B H^2), n = N / (mu B H), z = H theta', lambda the stretch of the middle line, all dimensionless. How to
+    write one of your own: docs/extending/section-law.md.
+
+    Source: thesis 4.3 for what a section law is.
+    """
 
     NAME: ClassVar[str] = ""
     """The name by which configs choose it; none for a law that only Python makes."""

@@ -17,6 +17,9 @@ class WallModel(eqx.Module):
     """The moment that a pressure in two neighbouring chambers exerts on the cover between them.
 
     Written for one chamber at one pressure, with functions that JAX can differentiate. Its float leaves can be varied.
+    How to write one of your own: docs/extending/wall-model.md.
+
+    Source: thesis 4.3.1 for what a chamber does.
     """
 
     @abc.abstractmethod
