@@ -141,7 +141,7 @@ class Evaluator:
         if len(left):
             lost = self._with_shortfalls(t[left])
             found = lost if found is None else jax.tree.map(partial(_replaced, left), found, lost)
-        return found
+        return cast(Evaluated, found)
 
     def solve(self, t: Any) -> Evaluated:
         """The designs along the whole way from zero load, as `sg.solve` does it; without derivatives."""
