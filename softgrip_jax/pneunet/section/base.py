@@ -32,6 +32,17 @@ class SectionLaw(eqx.Module):
     write one of your own: docs/extending/section-law.md.
 
     Source: thesis 4.3 for what a section law is.
+
+    Examples:
+        >>> class Stiff(sg.pneunet.SectionLaw):
+        ...     def __call__(self, m, n):
+        ...         return 3 * m, 1 + 0 * n
+        ...     def loads(self, z, stretch):
+        ...         return z / 3, 0 * stretch
+        ...     def stretches(self, z, n):
+        ...         return 1 + 0 * n, 1 + 0 * n, 1 + 0 * n
+        >>> print(Stiff()(0.1, 0.0))
+        (0.30000000000000004, 1.0)
     """
 
     NAME: ClassVar[str] = ""

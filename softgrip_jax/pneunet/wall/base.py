@@ -20,6 +20,15 @@ class WallModel(eqx.Module):
     How to write one of your own: docs/extending/wall-model.md.
 
     Source: thesis 4.3.1 for what a chamber does.
+
+    Examples:
+        >>> class Piston(sg.pneunet.WallModel):
+        ...     def end_moment(self, finger, pressure, inclination):
+        ...         return 4 * finger.a * finger.b * pressure * (0.5 * finger.H + finger.a)
+        ...     def largest_pressure(self, finger):
+        ...         return 60 * kPa + 0 * finger.a
+        >>> print(f"{Piston().end_moment(sg.PneuNet.table_5_1('A'), 1 * kPa, 0.0):.4f} N m")
+        0.0012 N m
     """
 
     @abc.abstractmethod
