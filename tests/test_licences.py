@@ -18,7 +18,7 @@ def name_of(requirement: str) -> str:
 def licences(name: str) -> str:
     about = metadata.metadata(name)
     # Some write the whole text of a licence into the old field: its first line names it.
-    named = [about["License-Expression"] or "", (about["License"] or "").partition("\n")[0]]
+    named = [about.get("License-Expression") or "", (about.get("License") or "").partition("\n")[0]]
     return ", ".join([*named, *(c for c in about.get_all("Classifier") or [] if c.startswith("License"))])
 
 

@@ -80,6 +80,9 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
         best=designs[0],
         solves=1,
         seconds={"descend": 1.0},
+        paths=np.ones((3, 5)),
+        descended=1.0,
+        reached=(3, 1, 0, 0, 0),
         remarks=[],
     )
     rows = cells(printed(lambda console: design_run.report(result, console)))
