@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.fields import Checked
 
 from .space import Space
@@ -42,6 +43,13 @@ def differing_laws(space: Space) -> list[str]:
                 f"The scenes {one} and {other} share a {what}, but treat it by different laws: {', '.join(differing)}."
             )
     return said
+
+
+def require_one_law(space: Space) -> None:
+    """An InputError where scenes treat what they share by different laws."""
+    sentences = differing_laws(space)
+    if sentences:
+        raise InputError(f"{sentences[0][:-1]}; give them the same, or set different_laws = true.")
 
 
 def laws(scene: Any) -> dict[str, str]:

@@ -30,7 +30,7 @@ from softgrip_jax.results import Solution, Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
-from .laws import differing_laws
+from .laws import differing_laws, require_one_law
 from .nearby import can_begin_nearby, is_covered, known_state, state_at
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
@@ -187,6 +187,8 @@ class Measured(NamedTuple):
     """Of every state, the number of a `Reason`."""
     details: Any = None
     """The number that belongs to it, SI."""
+    solutions: Any = ()
+    """Of the states that were solved for, in the order of `Problem.solved_states`."""
 
 
 class Judged(NamedTuple):
@@ -209,6 +211,7 @@ class Problem:
         limits: what must be kept beside the rules.
         ignore_rules: names of rules that designs need not keep, beside those that a scene ignores itself.
         different_laws: whether scenes may treat the finger that they share by different laws.
+        reported: further quantities that designs are reported with; their states must exist in every design.
 
     Raises:
         InputError: where there is no goal, for an unknown quantity or rule, and for scenes with different laws.
@@ -229,21 +232,22 @@ class Problem:
         *,
         ignore_rules: Sequence[str] = (),
         different_laws: bool = False,
+        reported: Sequence[Quantity] = (),
     ):
         if not goals:
             raise InputError("There is no goal; say what to minimise, maximise or reach.")
         self.ignored_rules = require_rules(ignore_rules)
+        if not different_laws:
+            require_one_law(space)
         self.different_laws = tuple(differing_laws(space))
         """Sentences about scenes that treat what they share by different laws."""
-        if self.different_laws and not different_laws:
-            raise InputError(f"{self.different_laws[0][:-1]}; give them the same, or set different_laws = true.")
         self.about = ""
         """Everything that the problem is made of, in words, where its programs are to be kept for the next process."""
-        self._programs: dict[str, Any] = {}
+        self._programs: dict[Any, Any] = {}
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
-        self.asked = QuantitySet(scenes, [item.quantity for item in (*self.goals, *self.limits)])
+        self.asked = QuantitySet(scenes, [item.quantity for item in (*self.goals, *self.limits)] + list(reported))
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
@@ -287,16 +291,26 @@ class Problem:
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
         asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
-        found = self.measured.measure(scenes, limits)
+        solutions = self._solutions(scenes)
+        found = self.measured.measure(scenes, limits, solutions)
         shortfalls = [
             _shortfall(scenes[name], at, status, limits.get(name))
             for (name, at), status in zip(self.measured.states, found.statuses, strict=True)
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
-        return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2))
+        return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2), solutions)
 
-    def _judged(self, found: Observed, missing: Float[Array, " s"], lost: Scalar) -> Measured:
+    def _solutions(self, scenes: dict[str, Scene]) -> dict[tuple[str, State], Solution]:
+        return {(name, at): solution_at(scenes[name], at) for name, at in self.solved_states}
+
+    def _judged(
+        self,
+        found: Observed,
+        missing: Float[Array, " s"],
+        lost: Scalar,
+        solutions: dict[tuple[str, State], Solution] | None = None,
+    ) -> Measured:
         """What was found, with rules. missing: by how much each state is, `lost` where that is not known."""
         states, statuses = self.measured.states, found.statuses
         good = statuses == Status.OK
@@ -310,33 +324,36 @@ class Problem:
         margins = values[np.array([self.measured.index(rule) for rule in self.rules], int)]
         reported = with_rules_on(found, states, self.rules, jax.lax.stop_gradient(margins))
         own = np.array([states.index(state) for state in self.asked.states])
-        return Measured(values, jnp.sum(missing), *(column[own] for column in reported[1:]))
+        columns = (column[own] for column in reported[1:])
+        return Measured(values, jnp.sum(missing), *columns, solutions=tuple((solutions or {}).values()))
+
+    @cached_property
+    def solved_states(self) -> list[tuple[str, State]]:
+        """The states that have a pressure: neither parts at rest nor limits alone."""
+        return [(name, at) for name, at in self.measured.states if at is not None and at != AT_REST]
 
     @cached_property
     def followed(self) -> list[tuple[str, State]]:
         """The states that a design nearby gives a good guess of."""
-        return [
-            (name, at)
-            for name, at in self.measured.states
-            if at is not None and at != AT_REST and can_begin_nearby(self.space.scenes[name])
-        ]
+        return [(name, at) for name, at in self.solved_states if can_begin_nearby(self.space.scenes[name])]
 
-    def solve(self, t: Float[Array, " n"]) -> tuple[Measured, tuple[Solution, ...]]:
+    def solve(self, t: Float[Array, " n"]) -> Measured:
         """`measure` along the whole way from zero load, without derivatives and without the limits that only a design
-        without equilibrium needs: its shortfall is just positive. And the solutions of the `followed` states."""
+        without equilibrium needs: its shortfall is just positive."""
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
-        solutions = {(name, at): solution_at(scenes[name], at) for name, at in self.followed}
+        solutions = self._solutions(scenes)
         found = self.measured.measure(scenes, solutions=solutions)
-        return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(())), tuple(solutions.values())
+        return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
     def known(self, solutions: Sequence[Solution]) -> tuple[Known, ...]:
-        """The solutions of the `followed` states, one design or a batch, as places to begin from."""
+        """The `followed` ones of the solutions of `solved_states`, one design or a batch, as places to begin from."""
+        of = dict(zip(self.solved_states, solutions, strict=True))
 
         def each(solutions):
             return tuple(known_state(at, s) for (_, at), s in zip(self.followed, solutions, strict=True))
 
-        batch = solutions[0].status.ndim
-        return jax.vmap(each)(tuple(solutions)) if batch else each(solutions)
+        chosen = tuple(of[state] for state in self.followed)
+        return jax.vmap(each)(chosen) if chosen[0].status.ndim else each(chosen)
 
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""
@@ -371,7 +388,7 @@ class Problem:
                 residual, solution = state_at(scenes[name], at, u)
                 return residual, measured.only([(name, at)]).measure(scenes, solutions={(name, at): solution}).values
 
-            near = root_nearby(equations, t, place)
+            near = root_nearby(equations, after_all(t, after), place)
             scene = scenes_at(t)[name]
             good = near.good & is_covered(scene, at, state_at(scene, at, near.known.u)[1])
             put([(name, at)], near.observed, near.slopes, jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED)))
@@ -385,11 +402,7 @@ class Problem:
         """Unit values of the starting design, moved off the bounds."""
         return self.space.inside(self.space.to_unit(self.space.reference))
 
-    @cached_property
-    def _batched(self) -> Any:
-        return jax.jit(jax.vmap(self.measure_with_slopes, in_axes=(0, None)))
-
-    def solved(self, t: Any) -> tuple[Measured, tuple[Solution, ...]]:
+    def solved(self, t: Any) -> Measured:
         """`solve` of a batch."""
         return self._program(self.solve, QUICKLY, t)
 
@@ -399,15 +412,17 @@ class Problem:
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any) -> Any:
         """function of every row, by a program that is compiled once."""
-        if function.__name__ not in self._programs:
+        key = function.__name__, tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
+        if key not in self._programs:
             batched = jax.jit(jax.vmap(function))
             kept = program(batched, *rows, about=self.about, options=options) if self.about else batched
-            self._programs[function.__name__] = kept
-        return self._programs[function.__name__](*rows)
+            self._programs[key] = kept
+        return self._programs[key](*rows)
 
     def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
-        """`measure_with_slopes` of a batch; kept, so that a second search of the same problem compiles nothing."""
-        return self._batched(t, jnp.asarray(self.home() if home is None else home))
+        """`measure_with_slopes` of a batch, all with one home."""
+        home = jnp.asarray(self.home() if home is None else home)
+        return self._program(self.measure_with_slopes, QUICKLY, t, jnp.broadcast_to(home, jnp.shape(t)))
 
     def measure_with_slopes(self, t: Float[Array, " n"], home: Float[Array, " n"]) -> tuple[Measured, Measured]:
         """`measure` and its derivatives by t (of values and shortfall), all variables in one forward pass.
@@ -479,6 +494,17 @@ class Problem:
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
+
+
+def after_all(t: Float[Array, " n"], known: Sequence[Known]) -> Float[Array, " n"]:
+    """t, not before these are known.
+
+    XLA runs what does not depend on each other side by side, in as many threads as there are processors; four roots on
+    two processors were seen to wait for each other for ever (jaxlib 0.10.1).
+    """
+    for one in known:
+        t = t + 0.0 * jnp.where(jnp.isfinite(one.u[0]), one.u[0], 0.0)
+    return t
 
 
 class Scaling:

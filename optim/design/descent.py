@@ -26,8 +26,9 @@ from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
+from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
-from softgrip_jax.results import Status
+from softgrip_jax.results import Solution, Status
 
 from ..problem import Judged, Problem, Scales, Scaling
 from ..space import to_free, to_unit
@@ -149,21 +150,32 @@ class Evaluator:
         self.solves += len(t)
         if not self.is_near:
             return self._with_shortfalls(t)
-        return _evaluated(self._solve(t)[0], t.shape[1])
+        return _evaluated(self._solve(t), t.shape[1])
+
+    def solutions(self, t: np.ndarray) -> dict[tuple[str, State], list[Solution]]:
+        """The solved states of the designs at rows of unit values, along the whole way from zero load."""
+        found = self._solve(t) if self.is_near else self._measured(t)[0]
+        if not found.solutions:  # a problem of formulas
+            return {}
+        rows = [jax.tree.map(lambda v, k=k: v[k], found.solutions) for k in range(len(t))]
+        return {state: [row[j] for row in rows] for j, state in enumerate(self.problem.solved_states)}
 
     def _with_shortfalls(self, t: np.ndarray) -> Evaluated:
-        found, slopes = self._in_chunks(lambda t: self.problem.compiled(t, self.home), self.chunk, t)
+        found, slopes = self._measured(t)
         return Evaluated(
             found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses, found.reasons, found.details
         )
+
+    def _measured(self, t: np.ndarray) -> Any:
+        return self._in_chunks(lambda t: self.problem.compiled(t, self.home), self.chunk, t)
 
     def _solve(self, t: np.ndarray) -> Any:
         return self._in_chunks(self.problem.solved, self.chunk, t)
 
     def _begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
-        found, solutions = self._solve(t)
-        self._remember(t, jax.tree.map(np.asarray, self.problem.known(solutions)), found.shortfall == 0)
+        found = self._solve(t)
+        self._remember(t, jax.tree.map(np.asarray, self.problem.known(found.solutions)), found.shortfall == 0)
 
     def _nearby(self, t: np.ndarray) -> tuple[Evaluated, np.ndarray]:
         """What is found from the designs that are known, and the rows that are not found so."""
@@ -288,6 +300,7 @@ class SearchResult:
             (nearly) feasible.
         descended: the objective of the best feasible design before the finish, dimensionless.
         reached: how many starts ended near each of the designs.
+        solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: what scales the goals where the starting design does not, see `Scaling`.
 
     Examples:
@@ -315,6 +328,8 @@ class SearchResult:
     """How many starts ended within REGION of each of the `designs`."""
     remarks: tuple[str, ...] = ()
     """What scales the goals where the starting design does not, see `objectives.Scaling`."""
+    solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
+    """Of the start and of the best design, the states that were solved along the whole way: (scene, state) -> two."""
 
     @property
     def best(self) -> Design:
@@ -437,6 +452,7 @@ def search(
         alone,
         _reached(ends, chosen),
         tuple(remarks),
+        evaluate.solutions(np.stack([reference_t, chosen[0].t])),
     )
 
 

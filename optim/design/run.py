@@ -30,6 +30,7 @@ from softgrip_jax.scene import Scene
 from softgrip_jax.tables import Table
 
 from .. import rules
+from ..drives import by_other_drive
 from ..problem import Goal, Problem
 from ..records import agreed, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
 from . import settings
@@ -172,8 +173,14 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     for name, at in states.items():
         if not plots.has_picture(after[name]):
             continue
-        solutions = {"before": solution_at(before[name], at), "after": solution_at(after[name], at)}
-        solved = {label: solution for label, solution in solutions.items() if int(solution.status) == Status.OK}
+        if (name, at) in result.solutions:
+            solutions, place = result.solutions[name, at], result.problem.asked.states.index((name, at))
+            statuses = [design.statuses[place] for design in (result.reference, result.best)]
+        else:
+            solutions = [solution_at(scenes[name], at) for scenes in (before, after)]
+            statuses = [int(solution.status) for solution in solutions]
+        labelled = zip(("before", "after"), solutions, statuses, strict=True)
+        solved = {label: solution for label, solution, status in labelled if status == Status.OK}
         if solved:
             suffix = f"_{name}" if len(after) > 1 else ""
             plots.compare(solved).savefig(folder / f"before_after{suffix}.png")
@@ -267,6 +274,9 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row(
             "distance from the curve (rms)", *(in_units(_distance(problem, followed, d), "length") for d in shown)
         )
+    beside = by_other_drive(problem, [design.x for design in shown])
+    for name, values in beside.rows(problem) if beside else []:
+        table.add_row(name, *values)
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
         k = problem.quantities.index(quantity)
         start, name = result.reference.values[k], problem.label(quantity)
@@ -285,10 +295,12 @@ def report(result: SearchResult, console: Console) -> None:
         name = f"Design {number}" if number else "The start"
         for words in unsolved(problem, design):
             console.print(f"{name} has no answer: {words}.", soft_wrap=True)
+        for words in beside.reasons[number] if beside else []:
+            console.print(f"{name} by the other drive, {words}.", soft_wrap=True, markup=False)
         if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
-    for sentence in said(problem):
-        console.print(sentence, soft_wrap=True)
+    for sentence in [*said(problem), *(beside.remarks if beside else [])]:
+        console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
         console.print(_without_answer(result), style="bold", soft_wrap=True)
     elif not result.best.feasible:

@@ -13,6 +13,9 @@ Every design keeps the rules of its scenes (walls fit, chambers do not overlap, 
 `ignore_rules = ["chambers_apart"]` in [design] gives up some by name. Scenes that share a finger must treat it by the
 same laws, unless `different_laws = true` says otherwise.
 
+With `drive = "both"` every constraint and every rule of a finger holds by both laws of what pushes it, the thesis's
+chambers and the cell law; the goals are about the drive that a scene names itself.
+
 With `front = 21` two or three goals are not added up but traded off: the result is about so many designs of which none
 is better in every goal than another.
 """
@@ -29,10 +32,13 @@ from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Table, quantity, state_of, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.parameters import Scenes
+from softgrip_jax.pneunet.drives import SENTENCE
 from softgrip_jax.quantities import SHAPE, Quantity, State
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
+from ..drives import BOTH, by_both_drives
+from ..laws import differing_laws, require_one_law
 from ..problem import Goal, Limits, Problem
 from ..space import Space, Variable
 from .descent import FINISHED, OPTIMISERS
@@ -82,6 +88,7 @@ class DesignTable(Table):
     seed: int = pydantic.Field(default=0, ge=0)
     ignore_rules: list[str] = []
     different_laws: bool = False
+    drive: Literal["both"] | None = None
     front: int | None = pydantic.Field(default=None, ge=3, le=10_000)
 
 
@@ -102,13 +109,25 @@ def read(config: configs.Config) -> Settings:
     table = configs.validated(DesignTable, config.tables["design"], where)
     scenes = config.scenes
     with located(where):
+        variables = [_variable(scenes, v, where) for v in table.variables]
+        goals = [goal for g in table.goals for goal in _goals(scenes, g, where)]
+        limits = [_limits(scenes, c, where) for c in table.constraints]
+        space, both = Space(scenes, variables), table.drive == "both"
+        if not table.different_laws:
+            require_one_law(space)
+        sentences, reported = differing_laws(space), []
+        if both:
+            space, limits, reported = by_both_drives(space, goals, limits)
         problem = Problem(
-            Space(scenes, [_variable(scenes, v, where) for v in table.variables]),
-            [goal for g in table.goals for goal in _goals(scenes, g, where)],
-            [_limits(scenes, c, where) for c in table.constraints],
+            space,
+            goals,
+            limits,
             ignore_rules=table.ignore_rules,
-            different_laws=table.different_laws,
+            different_laws=both or table.different_laws,
+            reported=reported,
         )
+        if both:
+            problem.different_laws = (*sentences, BOTH, SENTENCE)
     if table.front is None:
         names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")
         return Settings(problem, {name: getattr(table, name) for name in names}, False)

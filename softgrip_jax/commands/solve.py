@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import json
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.console import Console
 
-from ..errors import ConfigError, located
+from ..errors import CellRangeWarning, ConfigError, located
 from ..folders import write_whole
 from .files import PICTURES, check_file, one_scene, plain, tell_file
 from .programs import kept
@@ -34,6 +35,7 @@ def run_solve(
     """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
     from .. import config as configs
     from ..fidelity import choose
+    from ..pneunet.drives import with_other_drive
     from ..questions import _pressure_for, to_reach, to_solve
     from ..scene import equilibrium
 
@@ -48,22 +50,33 @@ def run_solve(
     else:
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
     choice = None
+
+    def solved(scene):
+        if "pressure" in asked:
+            return kept(equilibrium, *to_solve(scene, **asked))
+        return kept(_pressure_for, *to_reach(scene, **asked))
+
     # A scene itself may not take what is asked as a question.
     with Console(stderr=True).status("solving"), located(f"{config}, [solve]"):
         if allowed is not None:
             choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
-            solution = choice.solution
-        elif "pressure" in asked:
-            solution = kept(equilibrium, *to_solve(read.scene, **asked))
-        else:
-            solution = kept(_pressure_for, *to_reach(read.scene, **asked))
-    if as_json:
-        chosen = {"fidelity": choice.as_data()} if choice is not None else {}
-        typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
-    else:
+        solution = solved(read.scene) if choice is None else choice.solution
+    if not as_json:
         report(solution, Console(), "pressure" in asked)
         if choice is not None:
             typer.echo(choice)
+    other, beside = with_other_drive(solution.scene), None
+    if other is not None and int(solution.status) == 0:
+        with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'), warnings.catch_warnings():
+            warnings.simplefilter("ignore", CellRangeWarning)  # said in words of our own
+            beside = solved(other)
+    if as_json:
+        chosen = {"fidelity": choice.as_data()} if choice is not None else {}
+        if beside is not None:
+            chosen |= {"other_drive": {"drive": beside.scene.drive} | as_data(beside)}
+        typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
+    elif beside is not None:
+        report_drives(solution, beside, Console())
     if int(solution.status) != 0:
         if plot is not None:
             print("No picture: there is no state to draw.", file=sys.stderr)
@@ -150,3 +163,24 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     if int(solution.status) == Status.BEYOND_LIMIT:
         table.add_row("limit pressure", in_units(limit_pressure(solution.scene), "pressure"))
     console.print(table)
+
+
+def report_drives(solution: Solution, beside: Solution, console: Console) -> None:
+    """A finger's state by both of its drives, side by side, and what people must know about that."""
+    from ..pneunet.drives import remarks
+    from ..results import Status
+    from ..tables import Table
+
+    table = Table(title="by both drives of the finger", title_justify="left")
+    columns = [{name: value for name, value in one.rows() if value != "-"} for one in (solution, beside)]
+    table.add_column("", no_wrap=True)
+    for one in (solution, beside):
+        table.add_column(one.scene.drive, justify="right")
+    for name in columns[0]:
+        if name not in ("status", "scaled residual"):
+            table.add_row(name, *(column.get(name, "-") for column in columns))
+    console.print(table)
+    if int(beside.status) != Status.OK:
+        console.print(f'With the drive "{beside.scene.drive}": {beside.reason_text()}.', soft_wrap=True, markup=False)
+    for sentence in remarks(solution.scene):
+        console.print(sentence, soft_wrap=True, markup=False)
