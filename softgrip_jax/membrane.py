@@ -22,6 +22,7 @@ SERIES_ANGLE = 1e-2
 """Below this angle the series of x/sin(x) through x^6 is exact to the last bit (next term 4e-19)."""
 
 
+@jax.jit
 def angle_over_sine(x: Scalar) -> Scalar:
     """x / sin x, regular at zero in value and every derivative."""
     small = jnp.abs(x) < SERIES_ANGLE
@@ -66,6 +67,7 @@ SERIES_COTANGENT = 0.4
 """Below this angle 1 - x cot x by its series through x^18: the next term is 5e-17 of it."""
 
 
+@jax.jit
 def one_less_cotangent(x: Scalar) -> Scalar:
     """1 - x cot x, without loss of digits at small x, where it is x^2 / 3 (-pi < x < pi)."""
     small = jnp.abs(x) < SERIES_COTANGENT
@@ -84,6 +86,7 @@ COTANGENT_SERIES = (
 """Of 1 - x cot x in powers of x^2: 2^(2n) |B_2n| / (2n)! (Euler)."""
 
 
+@jax.jit
 def contact_half_width(gap: Scalar, sunk: Scalar) -> Scalar:
     """c_a / a of an arc-flat-arc profile at the distance `gap` that is stretched as a free arc of height gap + sunk.
 

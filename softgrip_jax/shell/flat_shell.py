@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -101,6 +102,7 @@ class ShellScene(CurveScene):
         """kappa_1 (width) and kappa_2 (length), 1/m."""
         raise NotImplementedError
 
+    @jax.jit
     def load(self, angle):
         shell = self.shell
         return equilibrium_pressure(shell.material, shell.t_m, *self.stretches(angle), *self.curvatures(angle))
