@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -15,6 +16,19 @@ LATER = 2.0
 """Where the moment of type A and C begins to grow with x rather than with its square: 2.3 and 1.9."""
 BEGINNING = 1e-3
 """Of the way under pressure, where it begins to be followed."""
+
+Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
+"""(what it needs, point u, what is observed there) -> a number that rises through zero where a search ends."""
+
+
+class Search(NamedTuple):
+    """Where a search along the path ended, and why."""
+
+    u: Vector
+    status: Int[Array, ""]
+    iterations: Int[Array, ""]
+    reason: Int[Array, ""]
+    detail: Scalar
 
 
 class LoadPath(eqx.Module):
@@ -88,3 +102,27 @@ def onwards(ray: Ray, pressure: Scalar, down: Bool[Array, ""] | bool = False) ->
     zero = jnp.zeros_like(ray.loading)
     common = (zero, ray.begin, ray.step, ray.end, ray.early)
     return Ray(*common, first=pressure, rate=jnp.where(down, -1.0, 1.0) * ray.step, share=zero + 1, growth=zero)
+
+
+def to_moderate(span: LoadPath) -> tuple[Ray, Scalar]:
+    """To all loads at a moderate pressure (Pa), one that bends by about a radian: there questions that name no pressure
+    begin where loads and pressure grow together."""
+    moderate = jnp.minimum(span.begin + span.step, 0.5 * (span.begin + span.end))
+    return proportional(span, moderate), moderate
+
+
+def start_of(scene: Any, span: LoadPath) -> Vector:
+    """The unloaded state of a scene, at the beginning of its path."""
+    return jnp.append(scene.unloaded_state(), jnp.zeros_like(span.loading))
+
+
+def begun(u: Vector, span: LoadPath, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
+    """A little further where the pressure begins to act, at most to a place: the path's direction shows there.
+    by: part of the usual way."""
+    further = jnp.minimum(span.loading + BEGINNING * by, most)
+    return u.at[-1].set(jnp.where(u[-1] >= span.loading, further, u[-1]))
+
+
+def to_coordinate(place: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:
+    """The goal of a search for a place on the path."""
+    return u[-1] - place

@@ -14,8 +14,9 @@ from optim.design import settings as design_settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.commands import sensitivity, sweep
-from softgrip_jax.config.template import documented, starter
+from softgrip_jax.config.template import starter
 from softgrip_jax.errors import ConfigError
+from softgrip_jax.fields import documented
 from softgrip_jax.scene import Scene
 
 TYPES = [name for name, cls in configs.classes_of((Scene,)).items() if cls.__module__.startswith("softgrip_jax.")]

@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..curve_scene import DROP, CurveScene
+from ..equations import CurveEquations, residual_and_observables
 from ..errors import InputError
 from ..numerics.curves import slope_of
 from ..numerics.small_linear import solve_and_sign
-from ..path_scene import PathScene, residual_at
 from ..reasons import Reason
 from ..results import Status
 from ..scene import Found, Solver
+from .explicit_curve import DROP, approached
 
 Scalar = Float[Array, ""]
 
@@ -82,7 +82,7 @@ class Newton(Solver):
         return True
 
     def find(self, scene: Any, pressure, guess):
-        if isinstance(scene, CurveScene):
+        if isinstance(scene, CurveEquations):
             return self._on_curve(scene, pressure, guess)
         return self._on_path(scene.searched(), pressure, guess)
 
@@ -101,9 +101,9 @@ class Newton(Solver):
         )
         return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
 
-    def _on_curve(self, scene: CurveScene, pressure: Scalar, guess: Array | None) -> Found:
+    def _on_curve(self, scene: Any, pressure: Scalar, guess: Array | None) -> Found:
         start, end = scene.interval()
-        touches, _, free_limit = scene._approached(start)
+        touches, _, free_limit = approached(scene, start)
         low = scene.load(start)
         angle, steps, converged = self._root(
             scene, pressure, start + MIDDLE * (end - start) if guess is None else guess
@@ -130,11 +130,13 @@ class Newton(Solver):
         found = Found(angle, pressure, status, steps, rounding=rounding, reason=reason, detail=detail)
         return _possible(found, possible)
 
-    def _on_path(self, scene: PathScene, pressure: Scalar, guess: Array | None) -> Found:
+    def _on_path(self, scene: Any, pressure: Scalar, guess: Array | None) -> Found:
         span, rest = scene.pressure_span(), scene.unloaded_state()
         unknowns, steps, converged = self._root(scene, pressure, rest if guess is None else guess)
         begin = jnp.append(rest, jnp.zeros_like(pressure))
-        unloaded = jax.jacfwd(lambda y: residual_at(scene, y, jnp.zeros_like(pressure), span.drive_at(begin)))(rest)
+        unloaded = jax.jacfwd(
+            lambda y: residual_and_observables(scene, y, jnp.zeros_like(pressure), span.drive_at(begin))[0]
+        )(rest)
         loaded = jax.jacfwd(lambda y: scene.residual(y, pressure))(unknowns)
         status, reason = _judged(converged, _sign(unloaded) == _sign(loaded))
         passed = scene.passed(scene.evaluated(unknowns, pressure)[1])
