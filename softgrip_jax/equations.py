@@ -108,16 +108,16 @@ class PathEquations(eqx.Module):
     ) -> tuple[Vector, dict[str, Array]]:
         """The scaled equations (entries and unknowns of order one) with the external loads times `load_factor`, and
         what is observed. Both come from one integration; what is not used is not computed. In place of the pressure
-        there may be what the scene's `driven` and its `LoadPath.drive_at` give."""
+        there may be what the scene's `load_of` and its `LoadPath.load_at` give."""
 
     def observe(self, unknowns, pressure):
         return self.evaluated(unknowns, pressure)[1]
 
     def evaluated(self, unknowns, pressure):
-        return _residual_and_observables(self, unknowns, jnp.ones_like(pressure), self.driven(pressure))
+        return residual_and_observables(self, unknowns, jnp.ones_like(pressure), self.load_of(pressure))
 
-    def driven(self, pressure: Scalar) -> Any:
-        """What `residual_and_observables` is given of a pressure, as `LoadPath.drive_at` gives it on the way."""
+    def load_of(self, pressure: Scalar) -> Any:
+        """What `residual_and_observables` is given of a pressure, as `LoadPath.load_at` gives it on the way."""
         return pressure
 
     @abc.abstractmethod
@@ -165,15 +165,8 @@ class PathEquations(eqx.Module):
 
 
 @jax.jit
-def _residual_and_observables(
-    scene: PathEquations, unknowns: Vector, load_factor: Scalar, pressure: Any
-) -> tuple[Vector, dict[str, Array]]:
-    """`scene.residual_and_observables`, traced once for all that asks for it."""
-    return scene.residual_and_observables(unknowns, load_factor, pressure)
-
-
 def residual_and_observables(
     scene: PathEquations, unknowns: Vector, load_factor: Scalar, pressure: Any
 ) -> tuple[Vector, dict[str, Array]]:
     """`scene.residual_and_observables`, traced once for all that asks for it."""
-    return _residual_and_observables(scene, unknowns, load_factor, pressure)
+    return scene.residual_and_observables(unknowns, load_factor, pressure)

@@ -210,7 +210,7 @@ class Scene(Checked):
         return possible
 
     def verified(self, found: Found) -> Found:
-        """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
+        """`found` with its residual, relabelled NOT_CONVERGED where that is not small."""
         found = frozen(found)
         evaluated = found.evaluated or frozen(self).searched().evaluated(found.unknowns, found.pressure)
         own = jnp.max(jnp.abs(jnp.atleast_1d(evaluated[0])))
@@ -238,22 +238,22 @@ class Scene(Checked):
         return implicit(lambda y, args: args[0].residual(y, args[1]), unknowns, (self, pressure))
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
-        """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
+        """The Solution of a verified point; `unknowns` and `pressure` carry the derivatives."""
         assert found.evaluated is not None
         scene = stop_gradient_where_failed(found.status == Status.OK, self)
         observed = with_derivatives_of(
             lambda args: args[0].observe(*args[1:]), found.evaluated[1], (scene, unknowns, pressure)
         )
-        margins, status, reason, detail = self._judged_by_rules(scene, unknowns, pressure, found)
+        margins, status, reason, detail = self._after_rules(scene, unknowns, pressure, found)
         observables = mask(status, observed)
         return Solution(
             scene, pressure, status, found.residual, found.iterations, unknowns, observables, reason, detail, margins
         )
 
-    def _judged_by_rules(self, gated: Scene, unknowns: Array, pressure: Scalar, found: Found):
+    def _after_rules(self, solved_scene: Scene, unknowns: Array, pressure: Scalar, found: Found):
         """(margins, status, reason, detail): a state that breaks a rule is IMPOSSIBLE, whatever the equations say."""
         solved = found.status == Status.OK
-        of_state = gated.margins_of_state(unknowns, pressure)
+        of_state = solved_scene.margins_of_state(unknowns, pressure)
         margins = self.margins_at_rest() | {k: jnp.where(solved, v, jnp.nan) for k, v in of_state.items()}
         reason, detail = jnp.asarray(found.reason), jnp.asarray(found.detail, pressure.dtype)
         for status, general in GENERAL.items():

@@ -29,7 +29,7 @@ def found(scene: Any, pressure: Scalar) -> Found:
         """Moment carried minus applied, rising with y, for one part; beyond the section's reach: too much."""
         z, _ = scene.law()(y * scene.finger.H / scene.finger.L / 3, jnp.zeros_like(y))
         turn = z * scene.finger.L / scene.finger.H * part_length
-        applied = scene.push(chamber, pressure, chamber.share * turn) * 3 * scene.finger.L / scene.finger.H
+        applied = scene.push(chamber, pressure, chamber.inclining * turn) * 3 * scene.finger.L / scene.finger.H
         return jnp.where(jnp.isfinite(z), y - applied, jnp.inf)
 
     if scene.inclination == "none":

@@ -94,10 +94,11 @@ def opening(inclinations: Array) -> Array:
 
 
 class PartChamber(NamedTuple):
-    """One part's chamber: its own dimensions, and how much of the part's turn is its inclination."""
+    """One part's chamber: its own dimensions, and how it inclines."""
 
     fields: dict[str, Scalar]
-    share: Scalar
+    inclining: Scalar
+    """Its inclination over the turn of the part."""
 
 
 class Moment(NamedTuple):
@@ -122,7 +123,7 @@ class MomentPath(LoadPath):
         """EI / L, N m."""
         return self.finger.moment_scale() * self.finger.H / (3 * self.finger.L)
 
-    def place_of(self, pressure):
+    def coordinate_of(self, pressure):
         moment = end_moment(self.finger, jnp.minimum(pressure, self.end), jnp.zeros_like(self.end))
         # Rounding may put the end itself beyond the end, where there is no moment.
         return self._place(jnp.fmin(moment, self.most)) + jnp.maximum(pressure - self.end, 0) / self.step
@@ -142,7 +143,7 @@ class MomentPath(LoadPath):
     def pressure_at(self, u, wanted=True):
         return pressure_of_moment(self.finger, self._moment_at(u) * self._unit(), wanted)
 
-    def drive_at(self, u):
+    def load_at(self, u):
         return Moment(self._moment_at(u) * self.finger.H / (3 * self.finger.L))
 
 
@@ -331,7 +332,7 @@ class FingerScene(PathEquations, Scene):
             return -pressure.active + jnp.zeros(len(turned))
         # A part that bends backwards keeps parallel walls.
         parallel = self.inclination == "none"
-        inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.share * turned)
+        inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.inclining * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
     def cover(self, held: Scalar | None, load_factor: Scalar, pressure: Any = None) -> Cover:
@@ -447,8 +448,8 @@ class FingerScene(PathEquations, Scene):
         lengths = pitch / jnp.sum(pitch) if count > 1 else np.ones(1)
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
         # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
-        share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
-        return Part(bounds[:-1], bounds[1:], PartChamber(fields, share / (lengths * finger.L))), points
+        inclining = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
+        return Part(bounds[:-1], bounds[1:], PartChamber(fields, inclining / (lengths * finger.L))), points
 
     def with_chamber(self, chamber: PartChamber) -> PneuNet:
         """The finger with one part's dimensions."""
@@ -503,7 +504,7 @@ class FingerScene(PathEquations, Scene):
         if self.inclination == "none" or self.is_cell() or isinstance(self.drive, WallModel):
             return {}
         parts, _ = self.chambers()
-        inclinations = opening(parts.chamber.share * self.turned(unknowns))
+        inclinations = opening(parts.chamber.inclining * self.turned(unknowns))
 
         def most(chamber, inclination):
             wall = within(self.with_chamber(chamber), inclination)
@@ -538,7 +539,7 @@ class FingerScene(PathEquations, Scene):
         alike = alike and self.loading == "first"
         return alike and self.finger.material.closed_forms().has_rising_wall
 
-    def driven(self, pressure):
+    def load_of(self, pressure):
         if not self.is_driven_by_moment():
             return pressure
         return Moment(end_moment(self.finger, pressure, jnp.zeros_like(self.finger.L)) / self.finger.moment_scale())

@@ -118,7 +118,7 @@ class Free(FingerScene):
         if self.is_arcs():
             return self.arcs_residual_and_observables(unknowns, pressure)
         bent = self.bent(unknowns, load_factor, pressure)
-        inclination = opening(bent.parts.chamber.share * bent.turned)
+        inclination = opening(bent.parts.chamber.inclining * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
     def passed(self, observed):
@@ -151,7 +151,7 @@ class Free(FingerScene):
         """What the parts carry minus what their chambers apply, and the observables."""
         parts, _ = self.chambers()
         turned, stretch, lengths = self.turns(unknowns)
-        inclination = parts.chamber.share * opening(turned)
+        inclination = parts.chamber.inclining * opening(turned)
         x, y = self.arcs(turned, stretch, lengths, 2)
         unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
         observed = {

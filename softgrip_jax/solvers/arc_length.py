@@ -99,7 +99,7 @@ class ArcLength(BranchSolver):
                 pressure > span.end,
             )
         else:
-            wanted = span.place_of(pressure)
+            wanted = span.coordinate_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = begun(start_of(scene, span), span, reachable)
             unknowns, is_found = _directly(scene, span.pressure_at(start.at[-1].set(reachable)))
@@ -156,7 +156,7 @@ class ArcLength(BranchSolver):
 
         def equations(u, args):
             scene, context, span = args
-            residual, observed = residual_and_observables(scene, u[:-1], span.share_at(u), span.drive_at(u))
+            residual, observed = residual_and_observables(scene, u[:-1], span.load_factor_at(u), span.load_at(u))
             passed, wanted = scene.passed(observed), goal(context, u, observed)
             return residual, wanted if passed is None else larger(wanted, passed)
 
@@ -178,7 +178,7 @@ class ArcLength(BranchSolver):
         status = jnp.where(beyond > 0, Status.BEYOND_LIMIT, status)
         why = Reason.LOADS_AND_PRESSURE_NOT_HELD if together else Reason.LOAD_NOT_HELD
         reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), beyond))
-        detail = jnp.where(not_held, span.share_at(end.u), jnp.nan)
+        detail = jnp.where(not_held, span.load_factor_at(end.u), jnp.nan)
         at_end = folded | (beyond > 0)
         detail = jnp.where(at_end, span.pressure_at(end.u, at_end), detail)
         possible = scene.can_exist()
@@ -191,13 +191,15 @@ def _beyond_the_model(scene: Any, end: End, goal: Goal, context: Any, span: Load
     reason = jnp.zeros_like(end.reason)
     behind = end.u[-1] > span.loading
     if type(scene).passed is not PathEquations.passed:
-        observed = residual_and_observables(scene.searched(), end.u[:-1], span.share_at(end.u), span.drive_at(end.u))[1]
+        observed = residual_and_observables(
+            scene.searched(), end.u[:-1], span.load_factor_at(end.u), span.load_at(end.u)
+        )[1]
         passed = scene.passed(observed)
         if passed is not None:
             curled = behind & (end.reason == REACHED) & (passed > goal(context, end.u, observed))
             reason = jnp.where(curled, int(Reason.CURLED_UP), reason)
-    for why, share in scene.spent(end.u[:-1], span.pressure_at(end.u, end.reason == ENDED)).items():
-        reason = jnp.where(behind & (end.reason == ENDED) & (share > -AT_THE_EDGE), int(why), reason)
+    for why, used in scene.spent(end.u[:-1], span.pressure_at(end.u, end.reason == ENDED)).items():
+        reason = jnp.where(behind & (end.reason == ENDED) & (used > -AT_THE_EDGE), int(why), reason)
     return reason
 
 
@@ -214,7 +216,7 @@ def _directly(scene: Any, pressure: Scalar) -> tuple[Vector, Bool[Array, ""] | b
         y, size, count, good = state
 
         def equations(y):
-            return scene.residual_and_observables(y, one, scene.driven(pressure))[0]
+            return scene.residual_and_observables(y, one, scene.load_of(pressure))[0]
 
         move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
         norm = jnp.linalg.norm(move)

@@ -69,8 +69,8 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
         high_value = jnp.where(below & stays, 0.5 * high_value, jnp.where(below, high_value, value))
         low_value = jnp.where(~below & stays, 0.5 * low_value, jnp.where(below, value, low_value))
         low, high = jnp.where(below, load, low), jnp.where(below, high, load)
-        share = low_value / (low_value - high_value)
-        inside = low + (high - low) * jnp.where(jnp.isfinite(share), share, 0.5)
+        part = low_value / (low_value - high_value)
+        inside = low + (high - low) * jnp.where(jnp.isfinite(part), part, 0.5)
         next_load = jnp.where(jnp.isfinite(high), inside, GROWTH * load)
         kept = jax.tree.map(lambda a, b: jnp.where(below, a, b), tuple(after), (start, start_load, slope))
         return *kept, low, low_value, high, high_value, next_load, new_side, (found, value), count + 1

@@ -96,7 +96,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     finer = -(-BRANCH_POINTS // (n - 1))
 
     def along(u):
-        return residual_and_observables(scene.searched(), u[:-1], jnp.ones_like(u[-1]), span.drive_at(u))[0]
+        return residual_and_observables(scene.searched(), u[:-1], jnp.ones_like(u[-1]), span.load_at(u))[0]
 
     def follow_it(step, _):
         points, trusted = trace(along, first_point, step, finer * (n - 1) + 1)

@@ -106,7 +106,7 @@ def continued(scene: PathEquations, pressure: Any) -> Any:
     begin = scene.pressure_span().begin
 
     def residual(unknowns, share, p):
-        return scene.residual_and_observables(unknowns, share, scene.driven(p))[0]
+        return scene.residual_and_observables(unknowns, share, scene.load_of(p))[0]
 
     def step(unknowns, at):
         share, p = at
