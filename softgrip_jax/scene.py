@@ -80,7 +80,9 @@ class Solver(eqx.Module):
     own needs no more than `find`, and says by `suits` itself which scenes it is for.
 
     Examples:
-        >>> isinstance(sg.solvers.Newton(), sg.solvers.Solver)
+        >>> [solver.takes_guess() for solver in (sg.solvers.Newton(), sg.solvers.ArcLength())]
+        [True, False]
+        >>> sg.solvers.ArcLength().suits(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")))
         True
     """
 

@@ -39,9 +39,10 @@ class MinimumEnergy(BranchSolver):
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-        >>> short = sg.solvers.MinimumEnergy(largest_step=0.5)
-        >>> print(f"{sg.solve(sg.shell.Free(shell, model='energy'), 10 * kPa, solver=short).inflation / mm:.3f} mm")
-        10 mm
+        >>> plane = sg.shell.ObstacleContact(shell, sg.shell.obstacles.Plane(5 * mm), across=2, lengthwise=2)
+        >>> found = sg.solve(plane, 12 * kPa, solver=sg.solvers.MinimumEnergy(largest_step=0.5))
+        >>> print(f"{found.force:.2f} N")
+        VALUE1
     """
 
     largest_step: float = eqx.field(static=True, default=LARGEST_STEP)

@@ -45,8 +45,9 @@ class ObstacleContact(EnergyScene):
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
         >>> ball = sg.shell.obstacles.Sphere(radius=20 * mm, gap=5 * mm)
-        >>> sg.shell.ObstacleContact(shell, ball).prepared().symmetry
-        'both'
+        >>> touched = sg.shell.ObstacleContact(shell, ball, across=2, lengthwise=2)  # few polynomials: quick and rough
+        >>> print(f"{sg.solve(touched, 12 * kPa).force:.2f} N")
+        VALUE2
     """
 
     obstacle: Obstacle = part(Obstacle)
