@@ -103,11 +103,18 @@ class Grasp(ShellScene):
         fingers: shells that share the weight (2 in a parallel gripper).
 
     Observables:
+        - force: p A_c along the normal, N, zero before contact.
+        - force_z: its projection on the axis of inflation (3.29), N.
+        - contact_angle: theta_c, rad.
+        - flat_length: e, the mean straight length on one side, m.
+        - contact_area: A_c of the ellipse (3.28), m^2.
+        - contact_half_width, contact_half_length: c_a and c_b, m.
+        - stretch: lambda_1, dimensionless.
+        - clamp_angle: theta_m, rad.
         - height: h of the cylinder's axis above the end of the membrane, m.
         - required_force: F_ext, the least normal force that lifts, N; inf where no force does.
         - tilt_resistance: T_R, N m.
-        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. The
-            others are those of `CylinderContact`.
+        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
