@@ -12,11 +12,12 @@ from typing import Any, cast
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from softgrip_jax.equations import PathEquations
 from softgrip_jax.numerics.nearby import Known, known_root
-from softgrip_jax.path_scene import PathScene, surplus_over
 from softgrip_jax.quantities import REQUIRED, State
 from softgrip_jax.results import Solution, Status
 from softgrip_jax.scene import Found, Scene, frozen
+from softgrip_jax.solvers.path_values import surplus_over
 from softgrip_jax.units import kPa
 
 PRESSURE = 10 * kPa
@@ -25,7 +26,7 @@ PRESSURE = 10 * kPa
 
 def can_begin_nearby(scene: Scene) -> bool:
     """Whether a scene has equations of several unknowns, of which a state nearby is worth something."""
-    return isinstance(scene, PathScene)
+    return isinstance(scene, PathEquations)
 
 
 def is_sought(at: State) -> bool:
@@ -39,12 +40,12 @@ def known_state(at: State, solution: Solution) -> Known:
     return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u)
 
 
-def state_at(scene: PathScene, at: State, u: Float[Array, " n"]) -> tuple[Array, Solution]:
+def state_at(scene: Any, at: State, u: Float[Array, " n"]) -> tuple[Array, Solution]:
     """What is left of the equations at u, and the state there as if nothing were.
 
     at: a pressure (Pa), "required", or (observable, value), as in `quantities`.
     """
-    scene = cast(PathScene, scene.prepared())
+    scene = scene.prepared()
     unknowns, pressure = (u[:-1], u[-1] * PRESSURE) if is_sought(at) else (u, jnp.asarray(at, u.dtype))
     residual, observed = scene.evaluated(unknowns, pressure)
     if is_sought(at):
@@ -58,7 +59,7 @@ def state_at(scene: PathScene, at: State, u: Float[Array, " n"]) -> tuple[Array,
     return residual, solution
 
 
-def is_covered(scene: PathScene, at: State, solution: Solution) -> Bool[Array, ""]:
+def is_covered(scene: Any, at: State, solution: Solution) -> Bool[Array, ""]:
     """Whether a state that solves the equations is one of those that `solve` calls OK: between the ends of the model,
     resolved by its points, held as it may be held."""
     scene, solution = frozen((scene.prepared(), solution))

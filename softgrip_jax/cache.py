@@ -67,7 +67,10 @@ def enable_cache(folder: str | Path | None = None) -> Path:
         The folder.
 
     Examples:
-        >>> folder = sg.enable_cache()  # doctest: +SKIP
+        >>> import subprocess, sys  # a process of its own, for the cache is the whole process's
+        >>> program = "import softgrip_jax as sg; print(sg.enable_cache('programs'))"
+        >>> print(subprocess.run([sys.executable, "-c", program], capture_output=True, text=True).stdout.strip())
+        programs
     """
     silence()
     import jax

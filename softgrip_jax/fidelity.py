@@ -145,14 +145,14 @@ class Choice:
     def as_data(self) -> dict[str, Any]:
         """What was chosen and tried, as plain data; an error that is not known is None."""
 
-        def told(model: LadderModel, error: float) -> dict[str, Any]:
+        def described(model: LadderModel, error: float) -> dict[str, Any]:
             known = error if np.isfinite(error) else None
             return {"left_out": list(model.left_out), "numerics": model.numerics, "error": known, "cost": model.cost}
 
-        trials = [told(trial.model, trial.error) for trial in self.trials]
+        trials = [described(trial.model, trial.error) for trial in self.trials]
         chosen = {"observable": self.observable, "tolerance": self.tolerance, "met": self.met}
         taken = LadderModel(self.scene, self.left_out, self.numerics, self.cost)
-        return chosen | told(taken, self.error) | {"tried": trials}
+        return chosen | described(taken, self.error) | {"tried": trials}
 
     def __str__(self) -> str:
         name = self.observable.replace("_", " ")

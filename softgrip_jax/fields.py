@@ -3,13 +3,18 @@
 A field declares its rule where it is defined (``t_m = positive("length")``). Outside of jit a value that breaks
 it is a ValueError in one sentence; inside jit, where nothing can be raised, the same rules become a boolean
 (:func:`admissible`) and the scene is IMPOSSIBLE.
+
+What a field means is said once: beside its rule, ``positive("length", doc="thickness")``, or, as in all classes of the
+package, in the section Args of the docstring. :func:`documented` hands it to the schema and to `softgrip new`.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import numbers
+import re
 import typing
 from collections.abc import Mapping
 from typing import Any
@@ -58,8 +63,13 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, jax.Array | numbers.Real) and not isinstance(value, bool | np.bool)
 
 
+def _declared(metadata: dict[str, Any], doc: str = "", **kwargs: Any) -> Any:
+    """A field with what is known of it; doc: what it means, in a few words and without its unit."""
+    return eqx.field(metadata=metadata | ({"doc": doc} if doc else {}), **kwargs)
+
+
 def _rule_field(rule: str, kind: str, **kwargs: Any) -> Any:
-    return eqx.field(converter=to_float_array, metadata={"rule": rule, "kind": kind}, **kwargs)
+    return _declared({"rule": rule, "kind": kind}, converter=to_float_array, **kwargs)
 
 
 def positive(kind: str, **kwargs: Any) -> Any:
@@ -89,12 +99,12 @@ def right_angle(**kwargs: Any) -> Any:
 
 def vector(kind: str, converter: Any, **kwargs: Any) -> Any:
     """A leaf of two components (x, y), or None; `converter` says what a written value becomes."""
-    return eqx.field(converter=converter, metadata={"rule": "finite", "kind": kind, "size": 2}, **kwargs)
+    return _declared({"rule": "finite", "kind": kind, "size": 2}, converter=converter, **kwargs)
 
 
 def choice(*allowed: str, **kwargs: Any) -> Any:
     """A static choice by name."""
-    return eqx.field(static=True, metadata={"allowed": allowed}, **kwargs)
+    return _declared({"allowed": allowed}, static=True, **kwargs)
 
 
 @jax.tree_util.register_static
@@ -104,7 +114,7 @@ class Name(str):
 
 def choice_or(kind: type[eqx.Module], *allowed: str, **kwargs: Any) -> Any:
     """A choice by name, or a module of a kind that a user wrote; its float leaves vary as those of any part do."""
-    return eqx.field(converter=_to_name, metadata={"allowed": allowed, "instance": kind}, **kwargs)
+    return _declared({"allowed": allowed, "instance": kind}, converter=_to_name, **kwargs)
 
 
 def _to_name(value: Any) -> Any:
@@ -113,7 +123,7 @@ def _to_name(value: Any) -> Any:
 
 def count(**kwargs: Any) -> Any:
     """A static whole number, one or more."""
-    return eqx.field(static=True, metadata={"least": 1}, **kwargs)
+    return _declared({"least": 1}, static=True, **kwargs)
 
 
 def to_names(value: Any) -> Any:
@@ -123,12 +133,12 @@ def to_names(value: Any) -> Any:
 
 def rule_names(**kwargs: Any) -> Any:
     """A static tuple of names of rules (see `reasons`)."""
-    return eqx.field(static=True, converter=to_names, metadata={"names": RULE_NAMES}, **kwargs)
+    return _declared({"names": RULE_NAMES}, static=True, converter=to_names, **kwargs)
 
 
 def part(*types: type, **kwargs: Any) -> Any:
     """Another module (a shell in a scene, a material in a shell)."""
-    return eqx.field(metadata={"types": types}, **kwargs)
+    return _declared({"types": types}, **kwargs)
 
 
 def is_concrete(*values: Any) -> bool:
@@ -272,3 +282,28 @@ def _ranks(cls: type) -> tuple[tuple[str, int | None], ...]:
         elif "rule" in meta and shapes and not any("*" in axis or axis == "..." for shape in shapes for axis in shape):
             found.append((field.name, max(map(len, shapes))))
     return tuple(found)
+
+
+ARGUMENT = re.compile(r"^ {4}((?:\w+, )*\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
+"""One entry of a section Args: names, and what is said of them."""
+SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
+"""Units of constructors, as docstrings have them; the keys of a config have units of their own."""
+
+
+@functools.cache
+def documented(cls: type) -> dict[str, str]:
+    """What the fields of a class mean: `doc` of the field, or the section Args of its class or of one above it."""
+    found: dict[str, str] = {}
+    for base in reversed(cls.__mro__):
+        _, _, below = inspect.cleandoc(base.__dict__.get("__doc__") or "").partition("\nArgs:\n")
+        for names, text in ARGUMENT.findall(below.split("\n\n")[0]):
+            # "as in OtherScene" says less than what a class above has said.
+            for name in names.split(", "):
+                if not (name in found and text.startswith("as in ")):
+                    found[name] = SI_UNITS.sub("", re.split(r"; |\. ", " ".join(text.split()))[0]).rstrip(".,;")
+    for field in dataclasses.fields(cls):
+        if "doc" in field.metadata:
+            if field.name in found:
+                raise TypeError(f"{cls.__name__}.{field.name} is described twice: in its field and under Args.")
+            found[field.name] = field.metadata["doc"]
+    return found

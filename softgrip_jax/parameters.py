@@ -54,8 +54,8 @@ class Parameter:
 class Parameters:
     """Leaves of scenes as one vector of SI values."""
 
-    def __init__(self, scenes: Scenes, leaves: Sequence[Named]):
-        if not leaves:
+    def __init__(self, scenes: Scenes, parameters: Sequence[Named]):
+        if not parameters:
             raise InputError("There is no variable; name at least one leaf to vary.")
         self.scenes = dict(scenes)
         self.names: list[str] = []
@@ -66,7 +66,7 @@ class Parameters:
         self._getters: list[Getter] = []
         self._shapes: list[tuple[int, ...]] = []
         reference: list[float] = []
-        for leaf in leaves:
+        for leaf in parameters:
             getter, kind = self._getter(leaf)
             found = getter(self.scenes)
             for value in found:

@@ -61,22 +61,23 @@ def _solve_by(scene: Scene, pressure: Scalar, solver: Solver, guess: Array | Non
 @jax.jit
 def _contact_pressure(scene: Scene) -> Scalar:
     possible = scene.can_exist()
-    return jnp.where(possible, stop_gradient_where_failed(possible, scene).onset(), jnp.nan)
+    return jnp.where(possible, scene.solver().onset(stop_gradient_where_failed(possible, scene)), jnp.nan)
 
 
 @jax.jit
 def _limit_pressure(scene: Scene) -> Scalar:
-    return scene.limit_pressure_from(frozen(frozen(scene).find_limit()))
+    solver = scene.solver()
+    return solver.limit_pressure_from(scene, frozen(solver.find_limit(frozen(scene))))
 
 
 @jax.jit
 def _path(scene: Scene, pressures: Float[Array, " n"]) -> Solution:
-    return scene.along(pressures)
+    return scene.solver().along(scene, pressures)
 
 
 @partial(jax.jit, static_argnames="n")
 def _branch(scene: Scene, n: int) -> Solution:
-    return scene.branch(n)
+    return scene.solver().branch(scene, n)
 
 
 def solve(scene: Scene, pressure: Any, *, solver: Any = None, guess: Any = None) -> Solution:
@@ -297,4 +298,4 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
 
 @partial(jax.jit, static_argnames="name")
 def _pressure_for(scene: Scene, name: str, value: Scalar) -> Solution:
-    return scene.solve_for(name, value)
+    return scene.solver().solve_for(scene, name, value)

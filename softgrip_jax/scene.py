@@ -1,7 +1,7 @@
-"""The contract of a scene: its equations, what is observed, and how an equilibrium is found. `questions` asks for them.
+"""The contracts of scenes and solvers. A scene states physics, a solver finds its states, and `questions` asks.
 
-An author writes physics for one point, one scene and one pressure; batching is `jax.vmap` outside. The data flow of
-every question is the same:
+A scene says what its equations, unknowns, loads, observables and rules are, for one point, one scene and one pressure;
+batching is `jax.vmap` outside. How its states are found is for `solvers`. The data flow of every question is the same:
 
     find (values only: brackets, bisection, continuation)  ->  implicit (attach derivatives)  ->  observe  ->  mask
 """
@@ -75,8 +75,15 @@ GENERAL = {
 class Solver(eqx.Module):
     """How the equilibrium at a pressure is found: values only, derivatives are attached to what is found.
 
-    `find` gives the unknowns and the status that they deserve; `solve` then judges the residual, and the rules. A
-    solver of your own says itself which scenes it suits.
+    Its tolerances are its fields. `find` gives the unknowns and the status that they deserve; `solve` then judges the
+    residual and the rules of the scene, r(u; scene, p) = 0 being solved to rounding or NOT_CONVERGED. A solver of your
+    own needs no more than `find`, and says by `suits` itself which scenes it is for.
+
+    Examples:
+        >>> [solver.takes_guess() for solver in (sg.solvers.Newton(), sg.solvers.ArcLength())]
+        [True, False]
+        >>> sg.solvers.ArcLength().suits(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")))
+        True
     """
 
     @abc.abstractmethod
@@ -92,21 +99,65 @@ class Solver(eqx.Module):
         return False
 
 
+class BranchSolver(Solver):
+    """A solver that knows the whole branch connected to zero load, so that it answers every question of a scene."""
+
+    @abc.abstractmethod
+    def onset(self, scene: Any) -> Scalar:
+        """The pressure (Pa) at which something is first touched, or pressure begins to act; with its derivatives."""
+
+    @abc.abstractmethod
+    def find_limit(self, scene: Any) -> Found:
+        """The end of the branch that `find` follows; pressure inf where it does not end."""
+
+    @abc.abstractmethod
+    def limit_pressure_from(self, scene: Any, found: Found) -> Scalar:
+        """The limit pressure with its derivatives, from where `find_limit` found it."""
+
+    @abc.abstractmethod
+    def solve_for(self, scene: Any, name: str, target: Scalar) -> Solution:
+        """The solution at the pressure that gives an observable its wanted value."""
+
+    @abc.abstractmethod
+    def branch(self, scene: Any, n: int) -> Solution:
+        """n points of the equilibrium curve, through its limit point."""
+
+    def along(self, scene: Any, pressures: Float[Array, " n"]) -> Solution:
+        """The solutions at several pressures."""
+        return jax.vmap(equilibrium, in_axes=(None, 0))(scene, pressures)
+
+
 class Scene(Checked):
-    """An actuator and what surrounds it. Subclasses say how to find an equilibrium and which equations it solves."""
+    """An actuator and what surrounds it: its equations, unknowns, loads, observables and rules.
+
+    A state solves r(u; scene, p) = 0, `residual`, with unknowns u (scaled, dimensionless) at a pressure p (Pa). Float
+    leaves may vary and be differentiated by; choices are static. Most scenes derive from a class that asks for less:
+    `curve_scene.CurveScene` where the pressure is an explicit function of one angle.
+
+    Args:
+        ignored_rules: rules that may be broken, by name (see `reasons`): their margins are still reported.
+
+    Raises:
+        InputError: where a field breaks its rule (outside of jit).
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> scene = sg.shell.Free(shell)
+        >>> isinstance(scene, sg.Scene), scene.OBSERVABLES["inflation"], scene.solver()
+        (True, 'length', ExplicitCurve())
+    """
 
     SOLVERS: ClassVar[tuple[str, ...]] = ()
-    """Names of the solvers (`sg.solvers`) that may be used in place of `find`; the first does what `find` does."""
+    """Names of the solvers (`sg.solvers`) that may be asked for, the kind of `solver` first."""
 
     OBSERVABLES: ClassVar[dict[str, str]] = {}
     """Observable -> kind of quantity (a key of units.DISPLAY)."""
 
     ignored_rules: tuple[str, ...] = rule_names(default=(), kw_only=True)
-    """Rules that may be broken, by name: their margins are still reported."""
 
     @abc.abstractmethod
-    def find(self, pressure: Scalar) -> Found:
-        """The equilibrium at a pressure, on the branch that is connected to zero load."""
+    def solver(self) -> BranchSolver:
+        """What finds the states of this scene where the caller names no solver."""
 
     @abc.abstractmethod
     def residual(self, unknowns: Array, pressure: Scalar) -> Array:
@@ -124,33 +175,9 @@ class Scene(Checked):
         """The scene as searches use it, which ask for values and forward derivatives of first order alone."""
         return self
 
-    @abc.abstractmethod
-    def onset(self) -> Scalar:
-        """The pressure (Pa) at which something is first touched, or pressure begins to act; with its derivatives."""
-
-    @abc.abstractmethod
-    def find_limit(self) -> Found:
-        """The end of the branch that `find` follows; pressure inf where it does not end."""
-
-    @abc.abstractmethod
-    def limit_pressure_from(self, found: Found) -> Scalar:
-        """The limit pressure with its derivatives, from where `find_limit` found it."""
-
-    @abc.abstractmethod
-    def solve_for(self, name: str, target: Scalar) -> Solution:
-        """The solution at the pressure that gives an observable its wanted value."""
-
-    @abc.abstractmethod
-    def branch(self, n: int) -> Solution:
-        """n points of the equilibrium curve, through its limit point."""
-
     def unknown_shape(self) -> tuple[int, ...]:
         """The shape of the unknowns: () where there is one."""
         return ()
-
-    def along(self, pressures: Float[Array, " n"]) -> Solution:
-        """The solutions at several pressures."""
-        return jax.vmap(equilibrium, in_axes=(None, 0))(self, pressures)
 
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
@@ -185,7 +212,7 @@ class Scene(Checked):
         return possible
 
     def verified(self, found: Found) -> Found:
-        """`found` with its residual, relabelled NOT_CONVERGED where that is not small: before it gates anything."""
+        """`found` with its residual, relabelled NOT_CONVERGED where that is not small."""
         found = frozen(found)
         evaluated = found.evaluated or frozen(self).searched().evaluated(found.unknowns, found.pressure)
         own = jnp.max(jnp.abs(jnp.atleast_1d(evaluated[0])))
@@ -213,22 +240,22 @@ class Scene(Checked):
         return implicit(lambda y, args: args[0].residual(y, args[1]), unknowns, (self, pressure))
 
     def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
-        """The Solution of a settled point; `unknowns` and `pressure` carry the derivatives."""
+        """The Solution of a verified point; `unknowns` and `pressure` carry the derivatives."""
         assert found.evaluated is not None
         scene = stop_gradient_where_failed(found.status == Status.OK, self)
         observed = with_derivatives_of(
             lambda args: args[0].observe(*args[1:]), found.evaluated[1], (scene, unknowns, pressure)
         )
-        margins, status, reason, detail = self._judged_by_rules(scene, unknowns, pressure, found)
+        margins, status, reason, detail = self._after_rules(scene, unknowns, pressure, found)
         observables = mask(status, observed)
         return Solution(
             scene, pressure, status, found.residual, found.iterations, unknowns, observables, reason, detail, margins
         )
 
-    def _judged_by_rules(self, gated: Scene, unknowns: Array, pressure: Scalar, found: Found):
+    def _after_rules(self, solved_scene: Scene, unknowns: Array, pressure: Scalar, found: Found):
         """(margins, status, reason, detail): a state that breaks a rule is IMPOSSIBLE, whatever the equations say."""
         solved = found.status == Status.OK
-        of_state = gated.margins_of_state(unknowns, pressure)
+        of_state = solved_scene.margins_of_state(unknowns, pressure)
         margins = self.margins_at_rest() | {k: jnp.where(solved, v, jnp.nan) for k, v in of_state.items()}
         reason, detail = jnp.asarray(found.reason), jnp.asarray(found.detail, pressure.dtype)
         for status, general in GENERAL.items():
@@ -256,4 +283,6 @@ def frozen(tree: Any) -> Any:
 
 @jax.jit
 def equilibrium(scene: Scene, pressure: Scalar) -> Solution:
-    return scene._solution(frozen(scene).find(lax.stop_gradient(pressure))._replace(pressure=pressure))
+    """The state at a pressure by the scene's own solver."""
+    fixed = frozen(scene)
+    return scene._solution(scene.solver().find(fixed, lax.stop_gradient(pressure), None)._replace(pressure=pressure))

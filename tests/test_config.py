@@ -222,10 +222,10 @@ class Pusher(Scene):
 
     OBSERVABLES: ClassVar = {"force": "force"}
 
-    def find(self, pressure):
+    def solver(self):
         raise NotImplementedError
 
-    residual = observe = onset = find_limit = limit_pressure_from = solve_for = branch = find
+    residual = observe = solver
 
 
 def test_a_new_scene_needs_nothing_here(tmp_path):

@@ -159,7 +159,7 @@ def test_contact_does_not_depend_on_the_penalty(monkeypatch):
     scene, pressure = small(Plane(5 * mm), symmetry="both"), jnp.asarray(15 * kPa)
     usual = sg.solve(scene, pressure)
     monkeypatch.setattr(energy, "RHO", 10 * energy.RHO)
-    other = jax.jit(lambda scene: scene._solution(scene.find(pressure)))(scene)
+    other = jax.jit(lambda scene: scene._solution(scene.solver().find(scene, pressure, None)))(scene)
     for solution in (usual, other):
         y, pressed = scene.split(solution.unknowns)
         gaps = scene.functional.gaps(y, scene)

@@ -11,8 +11,7 @@ from scipy.integrate import trapezoid
 
 import softgrip_jax as sg
 from softgrip_jax.results import Status
-from softgrip_jax.shell.energy.contacts import half_axis
-from softgrip_jax.shell.energy.obstacle_contact import Resting
+from softgrip_jax.shell.energy.resting import Resting, half_axis
 from softgrip_jax.units import GRAVITY, gram, kPa, mm
 
 MASS, FRICTION, ECCENTRICITY = 563 * gram, 0.9, 8 * mm

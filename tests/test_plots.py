@@ -14,9 +14,9 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 import softgrip_jax as sg
 from softgrip_jax import plots
-from softgrip_jax.path_scene import branch_marks
 from softgrip_jax.plots import walls
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
+from softgrip_jax.solvers.path_limits import branch_marks
 from softgrip_jax.study.dataset import DESIGN
 from softgrip_jax.units import gram, kPa, mm
 

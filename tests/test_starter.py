@@ -10,12 +10,15 @@ import jsonschema
 import pytest
 from conftest import ROOT
 
+import softgrip_jax as sg
 from optim.design import settings as design_settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.commands import sensitivity, sweep
-from softgrip_jax.config.template import documented, starter
+from softgrip_jax.config.schema import schema
+from softgrip_jax.config.template import starter
 from softgrip_jax.errors import ConfigError
+from softgrip_jax.fields import documented, part, positive
 from softgrip_jax.scene import Scene
 
 TYPES = [name for name, cls in configs.classes_of((Scene,)).items() if cls.__module__.startswith("softgrip_jax.")]
@@ -65,6 +68,51 @@ def test_words_of_fields_come_from_docstrings():
     assert words["fingers"] == "shells that share the weight (2 in a parallel gripper)"
     # "as in CylinderContact" in the docstring of Grasp: what that one says.
     assert words["gap"].startswith("d - r, its distance from the membrane")
+
+
+def test_words_of_fields_may_stand_in_their_field_but_not_twice():
+    class Pad(sg.scene.Checked):
+        """A pad. thickness: of something else.
+
+        Args:
+            side: of the square, m; of no use.
+        """
+
+        side: sg.scene.Scalar = positive("length")
+        thickness: sg.scene.Scalar = positive("length", doc="thickness of the pad")
+
+    class Twice(Pad):
+        side: sg.scene.Scalar = positive("length", doc="of the square")
+
+    assert documented(Pad) == {"side": "of the square", "thickness": "thickness of the pad"}
+    with pytest.raises(TypeError, match=r"Twice\.side is described twice"):
+        documented(Twice)
+
+
+def test_a_part_of_the_schema_may_hold_its_own_kind():
+    class Blend(sg.materials.Material):
+        """A blend of two."""
+
+        first: sg.materials.Material = part(sg.materials.Material)
+        second: sg.materials.Material = part(sg.materials.Material)
+        first_part: sg.scene.Scalar = positive("number", doc="of the first")
+
+        def energy(self, c):
+            return 0.0
+
+        def shear_modulus(self):
+            return self.first.shear_modulus()
+
+    checked = jsonschema.Draft202012Validator(schema({}))
+    neo = {"type": "NeoHookean", "mu_kPa": 100}
+    blend = {"type": "Blend", "first_part": 0.5, "first": neo, "second": neo}
+
+    def faults(material):
+        shell = {"a_mm": 16, "b_mm": 43, "t_m_mm": 1, "material": material}
+        return list(checked.iter_errors({"scene": {"type": "shell.Free", "shell": shell}}))
+
+    assert not faults(blend | {"second": blend})
+    assert faults(blend | {"second": blend | {"first_part": -0.5}})
 
 
 def test_new_writes_once_and_names_what_exists(tmp_path, capsys):

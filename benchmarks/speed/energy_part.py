@@ -80,10 +80,10 @@ def _warm(scene: Any) -> float:
 
     def begin(scene, pressure):
         guess = scene.first_guess(jnp.ones_like(pressure))
-        return scene.find_from(scene.unloaded_state(), jnp.zeros_like(pressure), guess, pressure)[1:]
+        return scene.solver().find_from(scene, scene.unloaded_state(), jnp.zeros_like(pressure), guess, pressure)[1:]
 
     def go(scene, start, load, slope, pressure):
-        return scene.find_from(start, load, slope, pressure)[0]
+        return scene.solver().find_from(scene, start, load, slope, pressure)[0]
 
     known = jax.jit(begin)(scene, jnp.asarray(COLD))
     program = compiled(go, scene, *known, jnp.asarray(WARM))

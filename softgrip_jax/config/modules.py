@@ -263,7 +263,7 @@ def shapes_of(annotation: Any) -> list[str]:
 
 
 def classes_of(bases: Iterable[type]) -> dict[str, type]:
-    """Every class that a table can describe: the concrete ones whose fields all have a key."""
+    """Every class that a table can describe: the concrete ones whose fields all have a key; scenes room by room."""
     found: dict[str, type] = {}
     for cls in bases:
         described = [key.name for key in keys_of(cls).values()]
@@ -272,7 +272,7 @@ def classes_of(bases: Iterable[type]) -> dict[str, type]:
             found.setdefault(type_name(cls), cls)
         for name, subclass in classes_of(cls.__subclasses__()).items():
             found.setdefault(name, subclass)
-    return found
+    return dict(sorted(found.items(), key=lambda item: item[0].startswith("pneunet.")))
 
 
 def _is_offered(cls: type) -> bool:

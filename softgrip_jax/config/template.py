@@ -9,7 +9,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import inspect
-import re
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ import numpy as np
 
 from .. import config as configs
 from ..errors import InputError
-from ..fields import wanted
+from ..fields import documented, wanted
 from ..objects.friction import Friction
 from ..pneunet.finger import PRESETS as FINGERS
 from ..pneunet.finger import PneuNet
@@ -30,8 +29,6 @@ PRESSURE = 15 * kPa
 """A starter that needs a pressure has this one: shells and fingers are well inflated and far from their limits."""
 NUMBERS = {"length": 10 * mm, "angle": 10 * degree, "mass": 100 * gram, "pressure": 100 * kPa}
 """Values in SI, by kind of quantity, of fields that no scene of the thesis has; other kinds have 1."""
-SI_UNITS = re.compile(r"(?:^|, )(?:m|rad|N/m|N|Pa|kg)(?=$|[,:;.])")
-"""Units of constructors, as docstrings have them; the keys of a config have units of their own."""
 LESS, MORE = 0.7, 1.4
 """A search may move a number between these parts of it, to begin with."""
 TOLERANCE = 0.02
@@ -249,22 +246,3 @@ def _decimals(value: Any) -> str:
     if np.ndim(value):
         return "[" + ", ".join(_decimals(v) for v in value) + "]"
     return f"{float(value):.12g}"
-
-
-@functools.cache
-def documented(cls: type) -> dict[str, str]:
-    """What the docstrings of a class and of those above it say of its fields: `name: text` or `name, other: text`."""
-    found: dict[str, str] = {}
-    names = [field.name for field in dataclasses.fields(cls)]
-    for base in reversed(cls.__mro__):
-        text = inspect.cleandoc(base.__dict__.get("__doc__") or "")
-        for name in names:
-            match = re.search(
-                rf"(?:^|[\s;])(?:\w+, )*{name}(?:, \w+)*: (.+?)(?=; |\.(?:\s|$)|\n\s*\n|\n\s*[\w, ]+: |$)",
-                text,
-                re.DOTALL,
-            )
-            # "as in OtherScene" says less than what a class above has said.
-            if match and not (name in found and match.group(1).startswith("as in ")):
-                found[name] = SI_UNITS.sub("", " ".join(match.group(1).split())).rstrip(".,;")
-    return found

@@ -1,8 +1,8 @@
-"""Loops whose lanes differ in length, in a batch: a lane that has ended makes room for the next one.
+"""Loops whose members differ in length, in a batch: a member that has ended makes room for the next one.
 
-Under `vmap` a `lax.while_loop` runs every lane as often as the slowest. A thousand searches of 20 to 300 iterations
+Under `vmap` a `lax.while_loop` runs every member as often as the slowest. A thousand searches of 20 to 300 iterations
 each then cost 300 iterations each. Here a batch goes through a number of slots instead: each iteration works on what is
-in the slots, and a slot whose lane has ended takes the next lane of the batch.
+in the slots, and a slot whose member has ended takes the next member of the batch.
 
 Libraries that were looked at: JAX itself masks what has ended and goes on with the whole batch, and so does all that is
 made of its loops (optimistix, diffrax, equinox); `lax.map` with a batch size waits for the slowest of each block.
@@ -20,7 +20,7 @@ from jax.custom_batching import custom_vmap
 from jax.flatten_util import ravel_pytree
 
 SLOTS = {"cpu": 64}
-"""Lanes at work at the same time: on a CPU as many as its first cache holds with all that an iteration needs."""
+"""Members at work at the same time: on a CPU as many as its first cache holds with all that an iteration needs."""
 MANY_SLOTS = 16384
 """... and on other devices."""
 
@@ -30,7 +30,7 @@ def lane_pool(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], st
 
     Neither function may hold traced values: those come through `start` and `context`. No derivatives pass through.
     """
-    iterate = jax.jit(iterate)  # traced once, for one lane and for many
+    iterate = jax.jit(iterate)  # traced once, for one member and for many
 
     def loop(start, context):
         return lax.while_loop(busy, lambda state: iterate(state, context), start)
@@ -56,8 +56,8 @@ def _through_pool(busy, iterate, start, context, is_batched, size: int, width: i
     unpack = ravel_pytree(one)[1]
     axes = jax.tree.map(lambda b: 0 if b else None, is_batched[1])
 
-    def contexts(lanes):
-        return jax.tree.map(lambda v, b: v[lanes] if b else v, context, is_batched[1])
+    def contexts(members):
+        return jax.tree.map(lambda v, b: v[members] if b else v, context, is_batched[1])
 
     def one_on(state, context):
         """One iteration of what is busy, and whether it still is."""
@@ -67,23 +67,24 @@ def _through_pool(busy, iterate, start, context, is_batched, size: int, width: i
         return new, busy(unpack(new))
 
     def step(state):
-        lanes, current, following, done, found = state
-        occupied = lanes < size
-        new, going = jax.vmap(one_on, (0, axes))(current, contexts(jnp.minimum(lanes, size - 1)))
+        members, current, following, done, found = state
+        occupied = members < size
+        new, going = jax.vmap(one_on, (0, axes))(current, contexts(jnp.minimum(members, size - 1)))
         ended = occupied & ~going
         # What has ended goes to the front of a block, and the next block over the rest of this one: rows written to
         # places of their own would be a loop over the slots.
-        rows = jnp.concatenate([new, lanes[:, None].astype(new.dtype)], axis=1)
+        rows = jnp.concatenate([new, members[:, None].astype(new.dtype)], axis=1)
         so_far = jnp.cumsum(ended)
         first = jnp.searchsorted(so_far, jnp.arange(1, width + 1), method="compare_all" if width < 1000 else "scan")
         found = lax.dynamic_update_slice(found, rows[first], (done, 0))
         taken = following + so_far - 1
-        lanes = jnp.where(ended, taken, lanes)
-        new = jnp.where(ended[:, None], packed[jnp.minimum(lanes, size - 1)], new)
+        members = jnp.where(ended, taken, members)
+        new = jnp.where(ended[:, None], packed[jnp.minimum(members, size - 1)], new)
         count = so_far[-1]
-        return lanes, new, following + count, done + count, found
+        return members, new, following + count, done + count, found
 
-    lanes, none = jnp.arange(width), jnp.asarray(0)
+    members, none = jnp.arange(width), jnp.asarray(0)
+    start_state = (members, packed[:width], none + width, none)
     found = jnp.zeros((size + width, packed.shape[1] + 1), packed.dtype)
-    *_, found = lax.while_loop(lambda state: state[3] < size, step, (lanes, packed[:width], none + width, none, found))
+    *_, found = lax.while_loop(lambda state: state[3] < size, step, (*start_state, found))
     return jax.vmap(unpack)(found[jnp.argsort(found[:size, -1]), :-1])

@@ -127,7 +127,7 @@ def _with_dip(function: Function, scan: Scan) -> Scan:
 def first_maximum(function: Function, scan: Scan, wanted: Bool[Array, ""]) -> Scalar:
     """x of the first maximum of a scanned `function` that falls, to the last bit, where it is `wanted`.
 
-    A lane that does not want it takes no step. No derivatives pass through.
+    A batch member that does not want it takes no step. No derivatives pass through.
     """
     low, high = scan.low, jnp.where(wanted, scan.high, scan.low)
     if scan.single:

@@ -33,8 +33,8 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
 
 
 ELIMINATED = 12
-"""Up to so many unknowns lanes are eliminated side by side: a quarter of LAPACK's time with ten. With more, writing
-out every step takes long to compile."""
+"""Up to so many unknowns batch members are eliminated side by side: a quarter of LAPACK's time with ten. With more,
+writing out every step takes long to compile."""
 
 
 @custom_vmap
@@ -54,8 +54,8 @@ def solve_and_sign(
 
 
 @solve_and_sign.def_vmap
-def _of_lanes(size, is_batched, matrix, right):
-    """By Gaussian elimination with row pivoting, the lanes along the last axis, where a CPU's vectors run."""
+def _of_batch(size, is_batched, matrix, right):
+    """By Gaussian elimination with row pivoting, the batch along the last axis, where a CPU's vectors run."""
     matrix, right = (
         v if batched else jnp.broadcast_to(v, (size, *v.shape))
         for v, batched in zip((matrix, right), is_batched, strict=True)

@@ -26,7 +26,6 @@ from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.grasp import Grasp
 from ..pneunet.linear import Linear
-from ..pneunet.tip_contact import HeldTip
 from ..pneunet.wall.small_strain import SmallStrainChamber
 from ..results import Solution
 from ..units import mm
@@ -196,7 +195,7 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
 def chambers_of(solution: Solution, line: Line) -> list[Inflated]:
     """The chambers of a solved finger."""
     scene: Any = solution.scene
-    small = isinstance(scene, SmallStrainChamber)
+    small = isinstance(scene, SmallStrainChamber | Linear)
     inflation = float(scene.finger.a * np.tan(float(solution.unknowns))) if small else None
     return inflated(scene, line, float(solution.pressure), inflation)
 
@@ -245,7 +244,7 @@ def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
     paint_straight(ax, finger, straight(finger, angle), as_is)
     paint_finger(ax, finger, line, chambers_of(solution, line), as_is)
     _paint_clamp(ax, finger, angle)
-    if isinstance(scene, HeldTip):
+    if isinstance(scene, FingerScene) and scene.tip() is not None:
         _paint_force(ax, np.array([line["x"][-1], line["y"][-1]]), np.array([0.0, -1.0]), float(solution.tip_force))
     ax.autoscale_view()
 

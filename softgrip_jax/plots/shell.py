@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 
 from ..results import Solution
-from ..shell.arc.cylinder import CylinderContact
+from ..shell.arc.cylinder import AxialOffset, CylinderContact
 from ..shell.arc.flat import FlatContact
+from ..shell.arc.grasp import Grasp
 from ..shell.arc.inclined import InclinedContact
 from ..shell.flat_shell import ShellScene
 from ..units import mm
@@ -69,7 +70,7 @@ def _paint_surroundings(scene, solution, ax, view, half, s, z) -> None:
         reach = 1.3 * half
         corners = [middle - reach * along, middle + reach * along]
         ax.add_patch(Polygon([*corners, corners[1] + slab * normal, corners[0] + slab * normal], closed=True, **look))
-    elif isinstance(scene, CylinderContact):
+    elif isinstance(scene, CylinderContact | AxialOffset | Grasp):
         radius, gap = float(scene.radius) / mm, float(scene.gap) / mm
         if view == "length":
             ax.add_patch(Circle((half - _axis_height(solution), gap + radius), radius, **look))

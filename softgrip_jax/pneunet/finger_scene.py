@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,17 +17,17 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..equations import PathEquations
 from ..errors import CellRangeWarning, InputError
 from ..fields import choice, choice_or, is_concrete, to_float_array
 from ..load_path import LATER, LoadPath
-from ..numerics.batching import lane_pool
 from ..numerics.choice import larger, smallest
 from ..numerics.collocation import Points, gauss_points
 from ..numerics.xla import materialised
-from ..path_scene import PathScene
 from ..reasons import Reason
 from ..results import Solution, Status
-from ..scene import RESIDUAL_EPS, ROUNDING_EPS, Found
+from ..scene import RESIDUAL_EPS, ROUNDING_EPS, Found, Scene
+from ..solvers.arc_length import ArcLength
 from .beam.collocation import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
 from .beam.method import POINTS, BeamMethod, Collocation, Shooting
 from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
@@ -86,9 +86,6 @@ SPREADS = ("root", "none")
 
 LIGHT = 10.0
 """Loads, over EI / L^2, that buckle no finger: half of what buckles one with its tip held."""
-SHRINKING, FREE_STEPS, DIRECT_STEPS, ARRIVED = 0.5, 3, 20, 1e-8
-"""Newton's steps halve at least, but for the first ones, which see the kink where rims meet; a step below ARRIVED
-leaves its square, which is rounding."""
 
 
 def opening(inclinations: Array) -> Array:
@@ -97,10 +94,11 @@ def opening(inclinations: Array) -> Array:
 
 
 class PartChamber(NamedTuple):
-    """One part's chamber: its own dimensions, and how much of the part's turn is its inclination."""
+    """One part's chamber: its own dimensions, and how it inclines."""
 
     fields: dict[str, Scalar]
-    share: Scalar
+    inclining: Scalar
+    """Its inclination over the turn of the part."""
 
 
 class Moment(NamedTuple):
@@ -125,7 +123,7 @@ class MomentPath(LoadPath):
         """EI / L, N m."""
         return self.finger.moment_scale() * self.finger.H / (3 * self.finger.L)
 
-    def place_of(self, pressure):
+    def coordinate_of(self, pressure):
         moment = end_moment(self.finger, jnp.minimum(pressure, self.end), jnp.zeros_like(self.end))
         # Rounding may put the end itself beyond the end, where there is no moment.
         return self._place(jnp.fmin(moment, self.most)) + jnp.maximum(pressure - self.end, 0) / self.step
@@ -145,7 +143,7 @@ class MomentPath(LoadPath):
     def pressure_at(self, u, wanted=True):
         return pressure_of_moment(self.finger, self._moment_at(u) * self._unit(), wanted)
 
-    def drive_at(self, u):
+    def load_at(self, u):
         return Moment(self._moment_at(u) * self.finger.H / (3 * self.finger.L))
 
 
@@ -164,8 +162,10 @@ class Bent(NamedTuple):
     """The turn of every part, positive where it bends as the chambers push."""
 
 
-class FingerScene(PathScene):
-    """A finger under pressure with the loads that a subclass names.
+class FingerScene(PathEquations, Scene):
+    """A finger under pressure with the loads that a subclass names, and a tip that is free or, see `tip`, held.
+
+    The unknowns are those of the beam; of a held tip the force that holds it comes first.
 
     Args:
         section: law of the cover: "exact", "thesis" or "inextensible", or a `SectionLaw` of your own.
@@ -187,6 +187,8 @@ class FingerScene(PathScene):
             too, it is an InputError.
         points: Gauss points of the collocation where no `beam` is given.
     """
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ArcLength", "Newton")
 
     if TYPE_CHECKING:  # every subclass has these, as fields of its own or from its gripper
 
@@ -232,6 +234,7 @@ class FingerScene(PathScene):
             return self
         return self.with_method(dataclasses.replace(method, searching=True))
 
+    loading: str = choice("first", "proportional", default="first", kw_only=True)
     drive: str | WallModel = choice_or(WallModel, *DRIVES, default="thesis", kw_only=True)
     moment_spread: str = choice(*SPREADS, default="root", kw_only=True)
 
@@ -270,13 +273,40 @@ class FingerScene(PathScene):
         """EI = mu B H^3 / 3 (plane strain), N m^2."""
         return self.finger.moment_scale() * self.finger.H / 3
 
+    def held_unit(self) -> Scalar:
+        """EI / L^2, N: the scale of the force at a held tip."""
+        return self.stiffness() / self.finger.L**2
+
+    def solver(self):
+        return ArcLength()
+
+    def grows_together(self):
+        return self.loading == "proportional"
+
+    def tip(self) -> Any:
+        """How the tip is held, a `HeldTip`; None where it is free."""
+        return None
+
     def largest_force(self) -> Scalar:
         """A bound of the force along the beam from the external loads, N."""
-        return jnp.zeros_like(self.finger.L)
+        return self.tip().largest_force(self)
 
     def tip_loads(self, held: Scalar, load_factor: Scalar) -> Loads:
         """The loads on the cover over mu B H; `held` is the unknown force at a held tip."""
-        raise NotImplementedError
+        return self.tip().loads(self, held, load_factor)
+
+    def unloaded_state(self):
+        return jnp.append(0.0, self.straight())
+
+    def residual_and_observables(self, unknowns, load_factor, pressure):
+        return self.tip().residual_and_observables(self, unknowns, load_factor, pressure)
+
+    def profile(self, unknowns, pressure, n):
+        return self.beam_profile(self.seen(unknowns, pressure), n)
+
+    def touches_where_positive(self):
+        tip = self.tip()
+        return "tip_force" if tip is not None and tip.only_presses else None
 
     def bend(self, unknowns: Array, held: Scalar | None, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from its unknowns. By collocation they are the curvatures L theta' at all points, each times the
@@ -302,7 +332,7 @@ class FingerScene(PathScene):
             return -pressure.active + jnp.zeros(len(turned))
         # A part that bends backwards keeps parallel walls.
         parallel = self.inclination == "none"
-        inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.share * turned)
+        inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.inclining * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
     def cover(self, held: Scalar | None, load_factor: Scalar, pressure: Any = None) -> Cover:
@@ -344,8 +374,8 @@ class FingerScene(PathScene):
         return look(method, self.cover(self.held(unknowns), jnp.ones_like(self.finger.L)), segments, points)
 
     def held(self, unknowns: Array) -> Scalar | None:
-        """The unknown force at a held tip."""
-        return None
+        """The unknown force at a held tip, over EI / L^2."""
+        return None if self.tip() is None else unknowns[0]
 
     def seen(self, unknowns: Array, pressure: Scalar) -> Bent:
         """The beam under all of its loads, with all of its line."""
@@ -371,7 +401,8 @@ class FingerScene(PathScene):
         return cover, bend(cover, self.clamp(), parts, curvature, points)
 
     def margins_at_rest(self):
-        return margins_of_parts(self.finger)
+        tip = self.tip()
+        return margins_of_parts(self.finger) | ({} if tip is None else tip.margins_at_rest(self))
 
     def margins_of_state(self, unknowns, pressure):
         """chambers_apart: see `rules`. Arcs only bend as the chambers push, which moves their tops apart; the cell law
@@ -417,41 +448,17 @@ class FingerScene(PathScene):
         lengths = pitch / jnp.sum(pitch) if count > 1 else np.ones(1)
         bounds = jnp.concatenate([jnp.zeros(1), jnp.cumsum(lengths)])
         # theta_s from the turn of the whole part: half of it over one pitch, or what the gap has of it.
-        share = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
-        return Part(bounds[:-1], bounds[1:], PartChamber(fields, share / (lengths * finger.L))), points
+        inclining = {"segment": 0.5 * pitch, "gap": fields["h_x"], "none": 0 * pitch}[self.inclination]
+        return Part(bounds[:-1], bounds[1:], PartChamber(fields, inclining / (lengths * finger.L))), points
 
     def with_chamber(self, chamber: PartChamber) -> PneuNet:
         """The finger with one part's dimensions."""
         return dataclasses.replace(self.finger, **chamber.fields)
 
-    def found_directly(self, pressure):
-        """With the cell law and light loads: Newton's method from the straight finger. A cell's moment rises with its
-        curvature, so there is one state as long as the loads do not buckle the finger; steps that do not shrink by half
-        leave the answer to the path."""
-        if not self.is_cell():
-            return super().found_directly(pressure)
-        light = _tension(self) < LIGHT
-        one = jnp.ones_like(pressure)
-
-        def iterate(state, context):
-            scene, pressure, one = context
-            y, size, count, good = state
-
-            def equations(y):
-                return scene.residual_and_observables(y, one, pressure)[0]
-
-            move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
-            norm = jnp.linalg.norm(move)
-            shrinks = (norm < SHRINKING * size) | (norm < ARRIVED) | (count < FREE_STEPS)
-            return y - move, norm, count + 1, good & shrinks & jnp.isfinite(norm)
-
-        def busy(state):
-            _, size, count, good = state
-            return good & (size > ARRIVED) & (count < DIRECT_STEPS)
-
-        start = (self.unloaded_state(), jnp.full_like(pressure, jnp.inf), jnp.asarray(0), light)
-        y, size, _, good = lane_pool(busy, iterate, start, (self, pressure, one))
-        return y, good & (size <= ARRIVED)
+    def has_one_state(self):
+        """With the cell law and light loads: a cell's moment rises with its curvature, so there is one state as long as
+        the loads do not buckle the finger."""
+        return _tension(self) < LIGHT if self.is_cell() else None
 
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""
@@ -497,7 +504,7 @@ class FingerScene(PathScene):
         if self.inclination == "none" or self.is_cell() or isinstance(self.drive, WallModel):
             return {}
         parts, _ = self.chambers()
-        inclinations = opening(parts.chamber.share * self.turned(unknowns))
+        inclinations = opening(parts.chamber.inclining * self.turned(unknowns))
 
         def most(chamber, inclination):
             wall = within(self.with_chamber(chamber), inclination)
@@ -532,7 +539,7 @@ class FingerScene(PathScene):
         alike = alike and self.loading == "first"
         return alike and self.finger.material.closed_forms().has_rising_wall
 
-    def driven(self, pressure):
+    def load_of(self, pressure):
         if not self.is_driven_by_moment():
             return pressure
         return Moment(end_moment(self.finger, pressure, jnp.zeros_like(self.finger.L)) / self.finger.moment_scale())
@@ -546,6 +553,10 @@ class FingerScene(PathScene):
         return self.weight[0] * scale, self.weight[1] * scale
 
     def verified(self, found):
+        found, tip = self.solved(found), self.tip()
+        return found if tip is None else tip.verified(self, found)
+
+    def solved(self, found):
         """Not converged, too, where the curvatures vary by more between the points than the points can tell."""
         found = super().verified(self._with_rounding(found))
         unsure = (found.status == Status.OK) & ~self.is_resolved(lax.stop_gradient(found.unknowns))
@@ -579,7 +590,7 @@ class FingerScene(PathScene):
 
     def held_at(self, x: Scalar, angle: Scalar) -> Scalar | None:
         """The y (over L) at which a tip at x (over L) and of this direction is held; None where the tip is free."""
-        return None
+        return None if self.tip() is None else self.tip().offset_at(x * self.finger.L, angle) / self.finger.L
 
     def shooting_error(self, unknowns: Array, pressure: Scalar, tolerance: float) -> Scalar:
         """See `shooting_error`."""
@@ -598,7 +609,9 @@ class FingerScene(PathScene):
 
     def bent(self, unknowns: Array, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""
-        raise NotImplementedError
+        if self.tip() is None:
+            return self.bend(unknowns, None, load_factor, pressure)
+        return self.bend(unknowns[1:], unknowns[0], load_factor, pressure)
 
     def beam_observables(self, bent: Bent) -> dict[str, Array]:
         """What every finger reports."""

@@ -11,11 +11,8 @@ from ..errors import InputError
 from ..fields import choice, count, finite, part, vector
 from ..membrane import arc_chain
 from ..numerics.choice import larger, largest
-from ..numerics.scalar_roots import bracketed_root
-from ..path_scene import asked_for
 from ..reasons import Reason
-from ..results import Status
-from ..scene import Found
+from . import arcs
 from .beam.collocation import Loads
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
@@ -26,8 +23,6 @@ from .section.choice import section
 MOST_TURN = 4 * np.pi
 """Between clamp and tip of a free finger, rad: two full turns. It would lie on itself; without this end the model of a
 finger with parallel walls has it roll up without end."""
-MATCHED = 1e-6
-"""Moments (in EI/L) closer than this belong to a root, whose residual is then judged; others to no equilibrium."""
 
 
 class Free(FingerScene):
@@ -119,14 +114,11 @@ class Free(FingerScene):
     def unloaded_state(self):
         return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
 
-    def bent(self, unknowns, load_factor, pressure):
-        return self.bend(unknowns, None, load_factor, pressure)
-
     def residual_and_observables(self, unknowns, load_factor, pressure):
         if self.is_arcs():
             return self.arcs_residual_and_observables(unknowns, pressure)
         bent = self.bent(unknowns, load_factor, pressure)
-        inclination = opening(bent.parts.chamber.share * bent.turned)
+        inclination = opening(bent.parts.chamber.inclining * bent.turned)
         return bent.gaps, self.beam_observables(bent) | {"inclination": jnp.mean(inclination)}
 
     def passed(self, observed):
@@ -159,7 +151,7 @@ class Free(FingerScene):
         """What the parts carry minus what their chambers apply, and the observables."""
         parts, _ = self.chambers()
         turned, stretch, lengths = self.turns(unknowns)
-        inclination = parts.chamber.share * opening(turned)
+        inclination = parts.chamber.inclining * opening(turned)
         x, y = self.arcs(turned, stretch, lengths, 2)
         unit = self.finger.moment_scale() * self.finger.H / self.finger.L / 3
         observed = {
@@ -181,41 +173,11 @@ class Free(FingerScene):
         hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
         return larger(pushes, -hanging / (unit * self.finger.moment_scale()))
 
-    def find_along(self, pressure, steps=None):
+    def explicit(self, pressure):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
         if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclination != "none"):
-            return super().find_along(pressure, steps)
-        parts, _ = self.chambers()
-        highest = self.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
-
-        def surplus(y, chamber, part_length):
-            """Moment carried minus applied, rising with y, for one part; beyond the section's reach: too much."""
-            z, _ = self.law()(y * self.finger.H / self.finger.L / 3, jnp.zeros_like(y))
-            turn = z * self.finger.L / self.finger.H * part_length
-            applied = self.push(chamber, pressure, chamber.share * turn) * 3 * self.finger.L / self.finger.H
-            return jnp.where(jnp.isfinite(z), y - applied, jnp.inf)
-
-        if self.inclination == "none":
-            unknowns, iterations = highest, jnp.asarray(0)
-        else:
-            roots = jax.vmap(lambda top, c, length: bracketed_root(lambda y: surplus(y, c, length), 0 * top, top))(
-                highest, parts.chamber, parts.high - parts.low
-            )
-            unknowns, iterations = jnp.where(highest > 0, roots.x, 0.0), jnp.max(roots.iterations)
-        # Beyond the section's reach, or the wall's, the search ends where the moments do not match, or at NaN.
-        residual, observed = self.evaluated(unknowns, pressure)
-        carried = jnp.all(jnp.isfinite(self.turns(unknowns)[0]))
-        curled = self.passed(observed) > 0
-        exists = (jnp.max(jnp.abs(residual)) < MATCHED) & ~curled
-        status = jnp.where(exists, Status.OK, Status.BEYOND_LIMIT)
-        end = self.pressure_span().end
-        closed = ~exists & (pressure > end)
-        reason = jnp.where(carried, int(Reason.INCLINED_WALL), int(Reason.SECTION_FULL))
-        reason = jnp.where(closed, int(self.end_reason()), jnp.where(curled, int(Reason.CURLED_UP), reason))
-        reason, detail = jnp.where(exists, 0, reason), jnp.where(closed, end, jnp.nan)
-        status = jnp.where(self.can_exist(), status, Status.IMPOSSIBLE)
-        reason = jnp.where(self.can_exist(), reason, 0)
-        return asked_for(pressure, Found(unknowns, pressure, status, iterations, reason=reason, detail=detail))
+            return None
+        return arcs.found(self, pressure)
 
     def arcs(self, turned: Array, stretch: Array, lengths: Array, n: int) -> tuple[Array, Array]:
         """x, y (m) of n points on the chain of arcs."""
@@ -224,7 +186,7 @@ class Free(FingerScene):
 
     def profile(self, unknowns, pressure, n):
         if not self.is_arcs():
-            return self.beam_profile(self.seen(unknowns, pressure), n)
+            return super().profile(unknowns, pressure, n)
         turned, stretch, lengths = self.turns(unknowns)
         x, y = self.arcs(turned, stretch, lengths, n)
         # The points are evenly spaced along the deformed line: their reference place and angle follow part by part.

@@ -23,7 +23,7 @@ from ..scene import frozen
 from ..units import GRAVITY
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
-from .finger_scene import INCLINATIONS, Scalar, to_weight
+from .finger_scene import INCLINATIONS, FingerScene, Scalar, to_weight
 from .rules import clear_of_clamp, line_inside, side_by_side
 from .section.base import SectionLaw
 from .section.choice import section
@@ -83,7 +83,7 @@ class Gripper(Checked):
         )
 
 
-class Grasp(HeldTip):
+class Grasp(FingerScene):
     """Fingertips pinch an object and lift it.
 
     Each tip pulls H_ext = m g / n and must press with F_ext, mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees
@@ -166,17 +166,19 @@ class Grasp(HeldTip):
         """The gripper's finger."""
         return self.gripper.finger
 
-    def only_presses(self):
-        return True
+    def tip(self):
+        return HeldTip(self.pull(), self.offset_at, True)
 
-    def pull(self):
+    def pull(self) -> Scalar:
+        """What each tip carries along +x, N: m g / n."""
         return self.object.mass * GRAVITY / self.gripper.n
 
     def load(self) -> Scalar:
         """What friction must carry at each tip, N: m g / n, more on inclined faces."""
         return self.pull() * self.object.slope_factor()
 
-    def offset_at(self, x, angle=0.0):
+    def offset_at(self, x: Scalar, angle: Scalar | float = 0.0) -> Scalar:
+        """The y (m) of the mid-line's end at x (m) and with the direction theta = angle (rad) where the tip touches."""
         if self.tip_offset is not None:
             return self.tip_offset
         gripper = self.gripper
@@ -258,7 +260,8 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
         exerted = friction_force(scene.object.friction, unknowns[0] * scene.held_unit())
         return (with_mass.load() - exerted) / scene.held_unit()
 
-    empty = fixed.with_mass(jnp.zeros_like(unit)).find(p)
+    light = fixed.with_mass(jnp.zeros_like(unit))
+    empty = light.solver().find(light, p, None)
 
     def along(u, args):
         scene, pressure, unit = args

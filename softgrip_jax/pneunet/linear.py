@@ -6,12 +6,17 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
+from ..curve_scene import CurveScene
 from ..errors import InputError
-from .finger import SEGMENT_FIELDS
+from ..fields import part
+from ..reasons import RULE_NAMES
+from .finger import SEGMENT_FIELDS, PneuNet
+from .rules import margins_of_parts
+from .wall.arc import one_chamber
 from .wall.small_strain import PLATE_END, SmallStrainChamber
 
 
-class Linear(SmallStrainChamber):
+class Linear(CurveScene):
     """A linear finger of constant curvature: free bending and blocked force, both explicit.
 
     EI = mu B H^3 / 3 (plane strain, E / (1 - nu^2) = 4 mu) and phi = M_T L / EI. The tip of the free finger lies on a
@@ -40,6 +45,8 @@ class Linear(SmallStrainChamber):
         1.500
     """
 
+    finger: PneuNet = part(PneuNet)
+
     OBSERVABLES: ClassVar[dict[str, str]] = {
         "tip": "position",
         "tip_angle": "angle",
@@ -55,14 +62,34 @@ class Linear(SmallStrainChamber):
                 "of constant curvature is uniform."
             )
 
+    def chamber(self) -> SmallStrainChamber:
+        """Its chambers, which push it."""
+        return SmallStrainChamber(self.finger, ignored_rules=RULE_NAMES)  # pyright: ignore[reportCallIssue]
+
+    def prepared(self):
+        return one_chamber(self)
+
+    def margins_at_rest(self):
+        return margins_of_parts(self.finger)
+
+    def unbounded(self):
+        return jnp.asarray(True)
+
+    def load(self, angle):
+        return self.chamber().load(angle)
+
+    def pressure_scale(self):
+        return self.chamber().pressure_scale()
+
     def interval(self):
         start = jnp.zeros_like(self.finger.a)
         return start, start + PLATE_END
 
     def observe(self, angle, pressure):
         f = self.finger
-        touching = angle > super().interval()[0]
-        moment = jnp.where(touching, super().observe(angle, pressure)["end_moment"], 0.0)
+        chamber = self.chamber()
+        touching = angle > chamber.interval()[0]
+        moment = jnp.where(touching, chamber.observe(angle, pressure)["end_moment"], 0.0)
         turn = 3 * moment * f.L / (f.moment_scale() * f.H)
         half = 0.5 * turn
         chord = f.L * jnp.sinc(half / jnp.pi)  # of the circular arc, at half the angle

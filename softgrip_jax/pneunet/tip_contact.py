@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +14,7 @@ from ..fields import choice, count, finite, part, vector
 from ..numerics.choice import larger, smaller
 from ..reasons import Reason
 from ..results import Status
+from ..scene import Found
 from .beam.collocation import Loads
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
@@ -22,105 +24,79 @@ from .section.choice import section
 from .section.exact import axial_stretch
 
 
-class HeldTip(FingerScene):
-    """A finger whose tip is held at some y: the unknowns are the force that holds it and the curvatures.
+class HeldTip(NamedTuple):
+    """How the tip of a `FingerScene` is held at some y: by a force across it, which is one more unknown.
 
     Equations (4.49), (4.50), (4.59)-(4.63).
     """
 
-    @abc.abstractmethod
-    def pull(self) -> Scalar:
-        """H_ext, the force on the tip along +x, N."""
+    pull: Scalar
+    """H_ext, the force on the tip along +x, N."""
+    offset_at: Callable[[Scalar, Scalar | float], Scalar]
+    """(x of the tip, m; its direction theta, rad) -> the y (m) at which it is held."""
+    only_presses: bool
+    """Whether nothing can pull at the tip: what would need that is NO_CONTACT."""
 
-    @abc.abstractmethod
-    def offset_at(self, x: Scalar, angle: Scalar | float = 0.0) -> Scalar:
-        """The y (m) at which a tip at x (m) is held, whose direction is theta = `angle` (rad)."""
+    def largest_force(self, scene: FingerScene) -> Scalar:
+        """A bound of the force along the beam from the external loads, N."""
+        weight = 0.0 if scene.weight is None else jnp.sum(jnp.abs(scene.weight)) * scene.finger.L
+        return jnp.abs(self.pull) + weight + self.sideways(scene)
 
-    def only_presses(self) -> bool:
-        """True where nothing can pull at the tip: what would need that is NO_CONTACT."""
-        return False
-
-    def unloaded_state(self):
-        return jnp.append(0.0, self.straight())
-
-    def largest_force(self):
-        weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L
-        return jnp.abs(self.pull()) + weight + self.sideways()
-
-    def way_aside(self) -> Scalar:
-        """The least |y| (m) at which the tip may be held, wherever along the finger that is."""
-        here, there = self.offset_at(jnp.zeros_like(self.finger.L)), self.offset_at(self.finger.L)
+    def way_aside(self, length: Scalar) -> Scalar:
+        """The least |y| (m) at which the tip may be held, wherever along a finger of this length (m) that is."""
+        here, there = self.offset_at(jnp.zeros_like(length), 0.0), self.offset_at(length, 0.0)
         nearest = smaller(jnp.abs(here), jnp.abs(there))
         return jnp.where(here * there > 0, nearest, 0.0)
 
-    def sideways(self) -> Scalar:
+    def sideways(self, scene: FingerScene) -> Scalar:
         """About the force (N) that brings the tip to where it is held, where that is far aside: UPRIGHT / (1 - |y|/L)
         is the square root of it over EI / L^2, or less where the cover stretches first."""
-        slack = 1 - self.way_aside() / self.finger.L
+        finger = scene.finger
+        slack = 1 - self.way_aside(finger.L) / finger.L
         growth = UPRIGHT / jnp.maximum(slack, LEAST_SLACK)
-        if self.law().stretches_at_all:
-            growth = smaller(growth, 2 * jnp.cbrt(12 * (self.finger.L / self.finger.H) ** 2 * UPRIGHT))
-        is_far = (slack < FAR_ASIDE) & ((slack > 0) | ("tip_in_reach" in self.ignored_rules))
-        return jnp.where(is_far, growth**2 * self.held_unit(), 0.0)
+        if scene.law().stretches_at_all:
+            growth = smaller(growth, 2 * jnp.cbrt(12 * (finger.L / finger.H) ** 2 * UPRIGHT))
+        is_far = (slack < FAR_ASIDE) & ((slack > 0) | ("tip_in_reach" in scene.ignored_rules))
+        return jnp.where(is_far, growth**2 * scene.held_unit(), 0.0)
 
-    def margins_at_rest(self):
-        length = self.finger.L
-        own = {"tip_in_reach": length - self.way_aside()}
-        if self.law().stretches_at_all:
-            stretch = axial_stretch(larger(self.pull(), 0.0) / self.finger.force_scale())
+    def margins_at_rest(self, scene: FingerScene) -> dict[str, Scalar]:
+        """tip_in_reach and, where the cover stretches, cover_bears_pull: see `reasons`."""
+        length = scene.finger.L
+        own = {"tip_in_reach": length - self.way_aside(length)}
+        if scene.law().stretches_at_all:
+            stretch = axial_stretch(larger(self.pull, 0.0) / scene.finger.force_scale())
             own["cover_bears_pull"] = (MOST_STRETCH - stretch) * length
-        return super().margins_at_rest() | own
+        return own
 
-    def verified(self, found):
-        found = super().verified(found)
-        if not self.only_presses():
+    def verified(self, scene: FingerScene, found: Found) -> Found:
+        """NO_CONTACT where only a pull would keep the tip there, with the force that is missing as its detail."""
+        if not self.only_presses:
             return found
         held = lax.stop_gradient(found.unknowns[0])
         apart = (found.status == Status.OK) & ~(held > TOUCHING)
         return found._replace(
             status=jnp.where(apart, Status.NO_CONTACT, found.status),
             reason=jnp.where(apart, int(Reason.TIPS_APART), found.reason),
-            detail=jnp.where(apart, -held * lax.stop_gradient(self.held_unit()), found.detail),
+            detail=jnp.where(apart, -held * lax.stop_gradient(scene.held_unit()), found.detail),
         )
 
-    def onset(self):
-        if not self.only_presses():
-            return super().onset()
-        # Where the force rises through zero; where the tip presses already, the pressure begins to act.
-        point, found = self._sought("tip_force", jnp.zeros_like(self.finger.L), super().verified)
-        pressed = found.reason == Reason.VALUE_PASSED
-        never = jnp.where(found.status == Status.BEYOND_LIMIT, jnp.inf, jnp.nan)
-        touched = jnp.where(found.status == Status.OK, point[-1], never)
-        return jnp.where(pressed, super().onset(), touched)
+    def loads(self, scene: FingerScene, held: Scalar, load_factor: Scalar) -> Loads:
+        """The loads on the cover over mu B H; `held` is the unknown force over EI / L^2."""
+        scale = scene.finger.force_scale()
+        along, across = load_factor * self.pull / scale, held * scene.held_unit() / scale
+        return Loads(along, across, *scene.weights(load_factor))
 
-    def held_unit(self) -> Scalar:
-        """EI / L^2, N: the scale of the tip force."""
-        return self.stiffness() / self.finger.L**2
-
-    def held_at(self, x, angle):
-        return self.offset_at(x * self.finger.L, angle) / self.finger.L
-
-    def tip_loads(self, held, load_factor):
-        scale = self.finger.force_scale()
-        return Loads(load_factor * self.pull() / scale, held * self.held_unit() / scale, *self.weights(load_factor))
-
-    def held(self, unknowns):
-        return unknowns[0]
-
-    def bent(self, unknowns, load_factor, pressure):
-        return self.bend(unknowns[1:], unknowns[0], load_factor, pressure)
-
-    def residual_and_observables(self, unknowns, load_factor, pressure):
-        bent = self.bent(unknowns, load_factor, pressure)
-        length = self.finger.L
+    def residual_and_observables(
+        self, scene: FingerScene, unknowns: Array, load_factor: Scalar, pressure: Any
+    ) -> tuple[Array, dict[str, Array]]:
+        """Where the tip is less where it is held, and the equations of the beam; with what is observed."""
+        bent = scene.bent(unknowns, load_factor, pressure)
+        length = scene.finger.L
         x, y = (end[-1] for end in bent.line.ends)
         away = y - load_factor * self.offset_at(x * length, bent.line.angles[-1]) / length
-        observed = {"tip_force": unknowns[0] * self.held_unit()} | self.beam_observables(bent)
+        observed = {"tip_force": unknowns[0] * scene.held_unit()} | scene.beam_observables(bent)
         n = len(bent.gaps)  # put together by products: of what is concatenated XLA computes entry by entry
         return bent.gaps @ np.eye(n, n + 1, 1) + np.eye(n + 1)[0] * away, observed
-
-    def profile(self, unknowns, pressure, n):
-        return self.beam_profile(self.seen(unknowns, pressure), n)
 
 
 MOST_STRETCH = 2.0
@@ -137,7 +113,7 @@ TOUCHING = 1e-12
 """A tip presses where its force is more than this, over EI / L^2: rounding leaves 1e-15 where there is none."""
 
 
-class TipContact(HeldTip):
+class TipContact(FingerScene):
     """The finger presses with its tip on something that holds it at a given y.
 
     The beam of `Free` with y(L) = y_c as one more equation and the force Lambda across the tip as one more unknown:
@@ -193,11 +169,5 @@ class TipContact(HeldTip):
         light = True if self.weight is None else jnp.all(self.weight == 0)
         return light & (self.tip_offset == 0) & (self.tip_pull == 0)
 
-    def only_presses(self):
-        return self.hold == "press"
-
-    def pull(self):
-        return self.tip_pull
-
-    def offset_at(self, x, angle=0.0):
-        return self.tip_offset
+    def tip(self):
+        return HeldTip(self.tip_pull, lambda x, angle: self.tip_offset, self.hold == "press")

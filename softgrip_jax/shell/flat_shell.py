@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..curve_scene import CurveScene
+from ..equations import CurveEquations
 from ..errors import InputError, JoinedRuleError
 from ..fields import Checked, choice, is_concrete, part, positive
 from ..materials.base import Material
@@ -20,6 +20,7 @@ from ..membrane import equilibrium_pressure
 from ..numerics.scalar_roots import bracketed_root
 from ..reasons import Reason
 from ..scene import Scene
+from ..solvers.explicit_curve import ExplicitCurve
 
 Scalar = Float[Array, ""]
 
@@ -63,8 +64,28 @@ class FlatShell(Checked):
         return self.material.shear_modulus() * self.t_m / self.a
 
 
-class ShellScene(CurveScene):
-    """A state of the shell on a curve of angles; subclasses give `stretches` and `curvatures` of the membrane."""
+@runtime_checkable
+class Arcs(Protocol):
+    """The geometry of a membrane of circular arcs, explicit in one angle (rad)."""
+
+    def angles(self) -> tuple[Scalar, Scalar]:
+        """Where the state begins and where its geometry ends."""
+        ...
+
+    def stretches(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """lambda_1 (width) and lambda_2 (length)."""
+        ...
+
+    def curvatures(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """kappa_1 (width) and kappa_2 (length), 1/m."""
+        ...
+
+
+class ShellScene(CurveEquations, Scene):
+    """A state of the shell on a curve of angles; subclasses give `geometry`, `stretches` and `curvatures` of the
+    membrane, or hold them as `arcs`."""
+
+    SOLVERS: ClassVar[tuple[str, ...]] = ("ExplicitCurve", "Newton")
 
     shell: FlatShell = part(FlatShell)
     model: str = choice("arc", "energy", default="arc", kw_only=True)
@@ -81,6 +102,9 @@ class ShellScene(CurveScene):
         if self.model == "energy" and type(self).energy_scene is ShellScene.energy_scene:
             raise InputError(f"{type(self).__name__}.model is 'energy'; there is only 'arc' for this scene.")
 
+    def solver(self):
+        return ExplicitCurve()
+
     def energy_scene(self) -> Scene:
         """The same scene with the energy membrane."""
         raise NotImplementedError
@@ -90,17 +114,21 @@ class ShellScene(CurveScene):
             return self
         return dataclasses.replace(self.energy_scene(), ignored_rules=self.ignored_rules)
 
+    def arcs(self) -> Arcs:
+        """The geometry of the membrane."""
+        raise NotImplementedError
+
     def geometry(self) -> tuple[Scalar, Scalar]:
         """The angles where the state begins and where its geometry ends."""
-        raise NotImplementedError
+        return self.arcs().angles()
 
     def stretches(self, angle: Scalar) -> tuple[Scalar, Scalar]:
         """lambda_1 (width) and lambda_2 (length)."""
-        raise NotImplementedError
+        return self.arcs().stretches(angle)
 
     def curvatures(self, angle: Scalar) -> tuple[Scalar, Scalar]:
         """kappa_1 (width) and kappa_2 (length), 1/m."""
-        raise NotImplementedError
+        return self.arcs().curvatures(angle)
 
     @jax.jit
     def load(self, angle):

@@ -5,15 +5,26 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import lax
+from jaxtyping import Array, Float
 
 from ..errors import InputError
-from ..scene import Solver
+from ..numerics.minimise import Minimum
+from ..results import Status
+from ..scene import BranchSolver, Found, frozen
+from . import energy_limits, energy_values
+from .energy_follow import follow, minimum_at
+
+Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
 
 LARGEST_STEP = 1.3
-"""As `shell.energy_scene.LARGEST_STEP`."""
+"""The largest step of the load, the cube root of p a / (mu t_m). The membrane rises by two thirds of the half width."""
 
 
-class MinimumEnergy(Solver):
+class MinimumEnergy(BranchSolver):
     """The minimum of the energy, followed from the flat membrane to the pressure; for the energy membrane.
 
     It is what `model="energy"` uses by itself: Newton's method with a line search, contact by an augmented Lagrangian
@@ -27,8 +38,11 @@ class MinimumEnergy(Solver):
         InputError: where largest_step is not positive.
 
     Examples:
-        >>> sg.solvers.MinimumEnergy(largest_step=0.5)
-        MinimumEnergy(largest_step=0.5)
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> plane = sg.shell.ObstacleContact(shell, sg.shell.obstacles.Plane(5 * mm), across=2, lengthwise=2)
+        >>> found = sg.solve(plane, 12 * kPa, solver=sg.solvers.MinimumEnergy(largest_step=0.5))
+        >>> print(f"{found.force:.2f} N")
+        15.83 N
     """
 
     largest_step: float = eqx.field(static=True, default=LARGEST_STEP)
@@ -38,4 +52,61 @@ class MinimumEnergy(Solver):
             raise InputError(f"MinimumEnergy.largest_step is {self.largest_step!r}; it must be a positive number.")
 
     def find(self, scene: Any, pressure, guess):
-        return scene.find_by(pressure, self.largest_step)
+        return _labelled(scene, minimum_at(scene, _load(scene, pressure)[1], self.largest_step), pressure)
+
+    def find_from(
+        self, scene: Any, start: Vector, start_load: Scalar, slope: Vector, pressure: Scalar
+    ) -> tuple[Found, Vector, Scalar, Vector]:
+        """As `find`, from a known equilibrium and its change per load.
+
+        Also the last equilibrium that was met, its load, and its change per load.
+        """
+        load = _load(scene, pressure)[1]
+        met = follow(scene, start, start_load, start + (load - start_load) * slope, load, self.largest_step)
+        kept = jnp.concatenate([met.y, met.multipliers])
+        return _labelled(scene, met, pressure), kept, met.load, jnp.concatenate(met.slope)
+
+    def along(self, scene, pressures):
+        """Each from the one before, with a guess along its tangent."""
+
+        def next_one(state, pressure):
+            found, *after = self.find_from(fixed, state[0], state[1], state[2], pressure)
+            return tuple(after), found
+
+        fixed = frozen(scene)
+        one = jnp.ones_like(pressures[0])
+        start = fixed.unloaded_state(), jnp.zeros_like(one), fixed.first_guess(one)
+        _, found = lax.scan(next_one, start, lax.stop_gradient(pressures))
+        return jax.vmap(lambda found, pressure: scene._solution(found._replace(pressure=pressure)))(found, pressures)
+
+    def onset(self, scene):
+        return jnp.zeros_like(scene.shell.a) if scene.body is None else energy_values.onset(self, scene)
+
+    def solve_for(self, scene, name, target):
+        return energy_values.solve_for(self, scene, name, target)
+
+    def find_limit(self, scene):
+        return energy_limits.find_limit(scene, self.largest_step)
+
+    def limit_pressure_from(self, scene, found):
+        return energy_limits.limit_pressure_from(scene, found)
+
+    def branch(self, scene, n):
+        return energy_limits.branch(self, scene, n)
+
+
+def _load(scene: Any, pressure: Scalar) -> tuple[Array, Scalar]:
+    """Whether the scene can be at this pressure, and the load."""
+    possible = scene.can_exist() & (pressure >= 0) & (pressure < jnp.inf)
+    return possible, jnp.cbrt(jnp.where(possible, pressure, 0.0) / scene.unit())
+
+
+def _labelled(scene: Any, met: Minimum, pressure: Scalar) -> Found:
+    """What the minimum that was met says of the state."""
+    status = jnp.where(met.reached, Status.OK, jnp.where(met.lost, Status.BEYOND_LIMIT, Status.NOT_CONVERGED))
+    apart = Status.OK if scene.body is None else Status.NO_CONTACT
+    status = jnp.where((status == Status.OK) & ~jnp.any(met.multipliers > 0), apart, status)
+    flat = pressure <= 0
+    status = jnp.where(_load(scene, pressure)[0], jnp.where(flat, apart, status), Status.IMPOSSIBLE)
+    unknowns = jnp.where(flat, 0.0, jnp.concatenate([met.y, met.multipliers]))
+    return Found(unknowns, pressure, status, met.evaluations)

@@ -9,14 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..curve_scene import DROP, CurveScene
+from ..equations import CurveEquations, residual_and_observables
 from ..errors import InputError
 from ..numerics.curves import slope_of
 from ..numerics.small_linear import solve_and_sign
-from ..path_scene import PathScene, residual_at
 from ..reasons import Reason
 from ..results import Status
 from ..scene import Found, Solver
+from .explicit_curve import DROP, approached
 
 Scalar = Float[Array, ""]
 
@@ -82,7 +82,7 @@ class Newton(Solver):
         return True
 
     def find(self, scene: Any, pressure, guess):
-        if isinstance(scene, CurveScene):
+        if isinstance(scene, CurveEquations):
             return self._on_curve(scene, pressure, guess)
         return self._on_path(scene.searched(), pressure, guess)
 
@@ -101,9 +101,9 @@ class Newton(Solver):
         )
         return found.value, found.stats["num_steps"], found.result == optx.RESULTS.successful
 
-    def _on_curve(self, scene: CurveScene, pressure: Scalar, guess: Array | None) -> Found:
+    def _on_curve(self, scene: Any, pressure: Scalar, guess: Array | None) -> Found:
         start, end = scene.interval()
-        touches, _, free_limit = scene._approached(start)
+        touches, _, free_limit = approached(scene, start)
         low = scene.load(start)
         angle, steps, converged = self._root(
             scene, pressure, start + MIDDLE * (end - start) if guess is None else guess
@@ -115,28 +115,30 @@ class Newton(Solver):
         # A load that falls from its very beginning leads to no branch.
         drops = -slope_of(scene.load)(start) * (end - start) > DROP * jnp.abs(low)
         follows = ~drops if scene.may_dip() and scene.approach() is not None else jnp.asarray(True)
-        status, reason = _judged(converged, inside & (slope > 0) & follows)
+        status, reason = _labelled(converged, inside & (slope > 0) & follows)
         status = jnp.where(begins, Status.NO_CONTACT if scene.CONTACT else Status.OK, status)
         free = jnp.where(pressure <= free_limit, Status.NO_CONTACT, Status.BEYOND_LIMIT)
         status = jnp.where(touches, status, free)
         reason = jnp.where(begins | ~touches, 0, reason)
         reason = jnp.where(status == Status.BEYOND_LIMIT, int(Reason.LIMIT_BEFORE_CONTACT), reason)
         detail = jnp.where(touches, low, free_limit)
-        told = (status == Status.NO_CONTACT) | (status == Status.BEYOND_LIMIT)
-        detail = jnp.where(told & jnp.isfinite(detail), detail, jnp.nan)
+        is_known = (status == Status.NO_CONTACT) | (status == Status.BEYOND_LIMIT)
+        detail = jnp.where(is_known & jnp.isfinite(detail), detail, jnp.nan)
         rounding = jnp.abs(slope) * jnp.maximum(jnp.abs(angle), 1.0) / (scene.pressure_scale() + jnp.abs(pressure))
         rounding = jnp.where(jnp.isfinite(rounding), rounding, 0.0) + scene.amplified(angle)
         possible = scene.can_exist() & ((start < end) | ~touches)
         found = Found(angle, pressure, status, steps, rounding=rounding, reason=reason, detail=detail)
         return _possible(found, possible)
 
-    def _on_path(self, scene: PathScene, pressure: Scalar, guess: Array | None) -> Found:
+    def _on_path(self, scene: Any, pressure: Scalar, guess: Array | None) -> Found:
         span, rest = scene.pressure_span(), scene.unloaded_state()
         unknowns, steps, converged = self._root(scene, pressure, rest if guess is None else guess)
         begin = jnp.append(rest, jnp.zeros_like(pressure))
-        unloaded = jax.jacfwd(lambda y: residual_at(scene, y, jnp.zeros_like(pressure), span.drive_at(begin)))(rest)
+        unloaded = jax.jacfwd(
+            lambda y: residual_and_observables(scene, y, jnp.zeros_like(pressure), span.load_at(begin))[0]
+        )(rest)
         loaded = jax.jacfwd(lambda y: scene.residual(y, pressure))(unknowns)
-        status, reason = _judged(converged, _sign(unloaded) == _sign(loaded))
+        status, reason = _labelled(converged, _sign(unloaded) == _sign(loaded))
         passed = scene.passed(scene.evaluated(unknowns, pressure)[1])
         if passed is not None:
             curled = (status == Status.OK) & (passed > 0)
@@ -150,7 +152,7 @@ class Newton(Solver):
         return _possible(found, scene.can_exist())
 
 
-def _judged(converged: Bool[Array, ""], certified: Bool[Array, ""]) -> tuple[Array, Array]:
+def _labelled(converged: Bool[Array, ""], certified: Bool[Array, ""]) -> tuple[Array, Array]:
     """(status, reason) of a root with or without its certificate."""
     good = converged & certified
     status = jnp.where(good, Status.OK, Status.NOT_CONVERGED)

@@ -14,7 +14,7 @@ from jax import lax
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
-from ..curve_scene import CurveScene
+from ..equations import CurveEquations
 from ..errors import InputError
 from ..parameters import Named, Parameter, Parameters, Scenes
 from ..quantities import Quantity, QuantitySet
@@ -153,4 +153,4 @@ def _power_of_two(count: int) -> int:
 def _is_quick(scenes: Scenes) -> bool:
     """Whether every scene has one unknown, or a closed form."""
     prepared = [scene.prepared() for scene in scenes.values()]
-    return all(isinstance(scene, CurveScene) or scene.unknown_shape() == (1,) for scene in prepared)
+    return all(isinstance(scene, CurveEquations) or scene.unknown_shape() == (1,) for scene in prepared)

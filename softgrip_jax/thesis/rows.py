@@ -94,11 +94,11 @@ class Batch:
         self._groups[name] = slice(first, len(self._scenes))
 
     def solve(self, timed: bool = False) -> dict[str, Solution]:
-        program, asked = jax.jit(jax.vmap(solve)), (stacked(self._scenes), jnp.array(self._pressures))
-        found = jax.block_until_ready(program(*asked))
+        program, arguments = jax.jit(jax.vmap(solve)), (stacked(self._scenes), jnp.array(self._pressures))
+        found = jax.block_until_ready(program(*arguments))
         if timed:
             began = time.perf_counter()
-            jax.block_until_ready(program(*asked))
+            jax.block_until_ready(program(*arguments))
             self.seconds = (time.perf_counter() - began) / len(self._scenes)
         return {name: jax.tree.map(lambda x, g=group: x[g], found) for name, group in self._groups.items()}
 

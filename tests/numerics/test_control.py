@@ -44,6 +44,17 @@ def test_what_does_not_exist_is_not_good():
     assert not top(linear, at(np.nan), jnp.asarray(0.5), MIX[0], jnp.asarray(0.1)).good
 
 
+def test_what_newtons_method_wanders_about_is_not_good():
+    """Of y1 = load and y2^2 = -1 the second has no solution, at whatever load."""
+
+    def nowhere(y, load):
+        return jnp.stack([y[0] - load, y[1] ** 2 + 1]), jnp.diag(jnp.stack([1.0, 2 * y[1]])), -jnp.array([1.0, 0.0])
+
+    held = hold(nowhere, jnp.array([0.5, 0.7]), jnp.asarray(0.5), jnp.array([1.0, 0.0]), jnp.asarray(0.5))
+    assert jnp.all(jnp.isfinite(held.y))
+    assert not held.good
+
+
 @pytest.mark.parametrize("reach", [0.05, 0.2, 1.0])
 @pytest.mark.parametrize("z", [0.5, 0.9, 0.9999])
 def test_a_limit_point_from_below(z, reach):

@@ -132,3 +132,15 @@ def test_the_first_crossing_of_a_value(turns, share, stop):
 
 def test_slopes():
     assert float(slope_of(lambda x: x**3)(2.0)) == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(("target", "exists"), [(0.505, True), (0.51, True), (0.5101, False), (0.6, False)])
+def test_a_value_between_the_last_sample_and_the_stop_is_crossed_and_none_behind_it(target, exists):
+    """The curve is x, known in 48 cells, and may be followed to 0.51: the last sample before is 1/2."""
+    x = jnp.linspace(0.0, 1.0, 49)
+    found = first_crossing(lambda x: x, jnp.asarray(target), x, x, jnp.asarray(0.51))
+    assert bool(found.exists) == exists
+    if exists:
+        assert float(found.x) == pytest.approx(target, rel=1e-15)
+    else:
+        assert found.iterations == 0  # nothing is searched for

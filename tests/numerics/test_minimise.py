@@ -141,6 +141,59 @@ def test_a_step_that_hardly_lowers_the_energy_is_cut():
     assert found.evaluations <= 12
 
 
+def spring_curve(powers, load):
+    """Along sign(load): where its load curve is first level, its loads wherever it is (inf where it never is), and all
+    stable states at the load."""
+    side = np.sign(load)
+    curve = np.polynomial.Polynomial([0, *((k + 2) * power * side**k for k, power in enumerate(powers))])
+    levels = curve.deriv().roots()
+    ahead = np.sort(levels[(abs(levels.imag) < 1e-12) & (levels.real > 0)].real)
+    top = ahead[0] if len(ahead) else np.inf
+    roots = (curve - abs(load)).roots()
+    roots = roots[abs(roots.imag) < 1e-9].real
+    return top, curve(ahead) if len(ahead) else np.array([np.inf]), roots[curve.deriv()(roots) > 0]
+
+
+def test_random_springs_up_to_their_largest_loads():
+    """Four powers, loads of either sign, steps of every length, guesses that are good, too far or on the wrong side:
+    the state is the one that is connected to no load, and lost beyond the largest load. Left out are loads that have
+    another minimum, to which a search may leap (LEAP), and loads next to the largest one."""
+    random, count = np.random.default_rng(0), 600
+    powers = np.stack([random.uniform(*ends, count) for ends in ((0.3, 1), (-1.2, 0.6), (-0.2, 0.4), (-0.05, 0.1))], 1)
+    loads = random.uniform(-3, 3, count)
+    steps, far = random.choice([0.1, 0.5, 10.0], count), random.choice([1.0, 1.0, 3.0, -2.0, 0.1], count)
+
+    def solved(powers, load, step, far):
+        def energy(y, load):
+            return jnp.sum(powers * y[0] ** jnp.arange(2, 6)) - load * y[0]
+
+        expansion, none = expansion_of(energy, lambda y: jnp.zeros(0), jnp.zeros(0), 1.0), jnp.zeros(0)
+        guess = jnp.reshape(far * load / (2 * powers[0]), 1), none
+        return minimise(expansion, (jnp.zeros(1), none), jnp.zeros(()), guess, load, step)
+
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(solved))(powers, loads, steps, far))
+    below = above = 0
+    for k, load in enumerate(loads):
+        top, levels, stable = spring_curve(powers[k], load)
+        highest = levels[0]
+        own = stable[(stable > 0) & (stable <= top)] if abs(load) < highest else stable[:0]
+        if abs(abs(load) / highest - 1) < 0.01 or len(stable) != len(own):
+            continue
+        if len(own):
+            below += 1
+            assert found.reached[k], k
+            assert found.y[k, 0] == pytest.approx(np.sign(load) * own[0], rel=1e-9), k
+            assert found.evaluations[k] <= 120, k
+        else:
+            above += found.lost[k]
+            assert not found.reached[k], k
+            assert found.lost[k] or found.evaluations[k] == 600, k  # at most; it happens once
+            # Of a small hump, behind which the load rises again, a step may not see that it is one.
+            assert len(levels) > 1 or 0.99 * highest < abs(found.load[k]) <= highest, k
+    assert below > 300
+    assert above > 50
+
+
 # --- quadratic energies under linear constraints: exact --------------------------------------------------------------
 
 

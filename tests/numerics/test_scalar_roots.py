@@ -144,3 +144,19 @@ def test_a_choice_between_trees():
     for condition, expected in ((True, one), (False, other)):
         chosen = select(jnp.asarray(condition), one, other)
         jax.tree.map(np.testing.assert_array_equal, chosen, expected)
+
+
+def test_a_newton_step_out_of_the_bracket_is_not_made():
+    """(x + 1/10) (x - 7/10) falls at the guess: its slope leads to the root below the bracket."""
+    low, high, guess = (jnp.asarray(x) for x in (0.0, 1.0, 0.05))
+    assert float(newton_bracketed(lambda x: (x + 0.1) * (x - 0.7), low, high, guess).x) == pytest.approx(
+        0.7, rel=4 * EPS
+    )
+
+
+def test_where_newtons_steps_shrink_slowly_the_bracket_is_halved_to_the_end():
+    """(x - 3/10)^5: Newton's steps shrink by a fifth each, and a hundred of them would leave 1e-10."""
+    low, high, guess = (jnp.asarray(x) for x in (0.0, 1.0, 0.9))
+    found = newton_bracketed(lambda x: (x - 0.3) ** 5, low, high, guess)
+    assert float(found.x) == pytest.approx(0.3, rel=1e-12)
+    assert found.iterations < 100

@@ -12,7 +12,7 @@ import numpy as np
 from random_shells import decades
 
 import softgrip_jax as sg
-from softgrip_jax.path_scene import PathScene
+from softgrip_jax.equations import PathEquations
 from softgrip_jax.reasons import BROKEN, RULE_NAMES
 from softgrip_jax.units import GRAVITY
 
@@ -101,12 +101,12 @@ def designs(draw: np.random.Generator, n: int) -> dict[str, Any]:
     return f
 
 
-def continued(scene: PathScene, pressure: Any) -> Any:
+def continued(scene: PathEquations, pressure: Any) -> Any:
     """(unknowns, residual) by Newton's method in small steps of the loads, then of the pressure."""
     begin = scene.pressure_span().begin
 
     def residual(unknowns, share, p):
-        return scene.residual_and_observables(unknowns, share, scene.driven(p))[0]
+        return scene.residual_and_observables(unknowns, share, scene.load_of(p))[0]
 
     def step(unknowns, at):
         share, p = at
@@ -155,7 +155,7 @@ def measured(kind: Kind) -> Any:
             "back_status": back.status,
         }
         prepared = scene.prepared()
-        if isinstance(prepared, PathScene) and not getattr(prepared, "is_arcs", lambda: False)():
+        if isinstance(prepared, PathEquations) and not getattr(prepared, "is_arcs", lambda: False)():
             unknowns, left = continued(prepared, pressures[0])
             out |= {"unknowns": found.unknowns[0], "continued": unknowns, "left": left}
         return out

@@ -153,7 +153,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         inside = (target <= most) & fixed.is_possible()
         touching = inside & (fixed.wall(angle).contact_width > 0)
     else:
-        found = fixed.find(target)
+        found = fixed.solver().find(fixed, target, None)
         angle, touching = found.unknowns, found.status == Status.OK
         inside = touching | (found.status == Status.NO_CONTACT)
     scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))

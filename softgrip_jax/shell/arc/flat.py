@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 
-from ...curve_scene import Approach
+from ...equations import Approach
 from ...fields import positive
 from ...membrane import flat_contact_stretch, length_stretch
 from ...scene import Scene

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from ...membrane import angle_over_sine, arc_chain, length_stretch, plate_coefficient
 from ...scene import Scene
-from ..energy.obstacle_contact import EnergyFree
-from ..flat_shell import ShellScene
+from ..energy.scene import EnergyFree
+from ..flat_shell import FlatShell, Scalar, ShellScene
 
 FREE_END = jnp.pi * (1 - 1e-9)
 """A free arc closes to a full circle (infinite radius and stretch) at pi: the interval ends just before."""
@@ -18,6 +19,39 @@ FREE_END = jnp.pi * (1 - 1e-9)
 LARGEST_INFLATION = 10.0
 """A branch is drawn up to this inflation, in half widths. A membrane that does not stiffen would go on for ever at
 almost no pressure, and one that stiffens late would go on at almost the same pressure."""
+
+
+class FreeArcs(NamedTuple):
+    """The free membrane: arcs across its width, and along its length with spherical ends."""
+
+    shell: FlatShell
+
+    def angles(self) -> tuple[Scalar, Scalar]:
+        """theta_m from flat to almost a full circle."""
+        zero = jnp.zeros_like(self.shell.a)
+        return zero, zero + FREE_END
+
+    def stretches(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """lambda_1 (3.5) and lambda_2 (3.1)."""
+        l1 = angle_over_sine(angle)
+        return l1, length_stretch(l1, self.shell.a, self.shell.b)
+
+    def curvatures(self, angle: Scalar) -> tuple[Scalar, Scalar]:
+        """kappa_1 (3.4) and kappa_2 (3.3), 1/m."""
+        a, b = self.shell.a, self.shell.b
+        return jnp.sin(angle) / a, angle / (a * angle_over_sine(angle) + b - a)
+
+    def profile(self, angle: Scalar, n: int) -> dict[str, Array]:
+        """x, z across the width at the middle, y, z_length along the length (the ends are spherical), m."""
+        a, b = self.shell.a, self.shell.b
+        arc = a * angle_over_sine(angle)
+        curvature = -jnp.sin(angle) / a
+        return two_sections(
+            (-a, jnp.stack([2 * arc]), jnp.stack([curvature])),
+            (-b, jnp.stack([arc, 2 * (b - a), arc]), jnp.stack([curvature, jnp.zeros_like(a), curvature])),
+            angle,
+            n,
+        )
 
 
 class Free(ShellScene):
@@ -60,50 +94,34 @@ class Free(ShellScene):
     def energy_scene(self) -> Scene:
         return EnergyFree(self.shell)
 
-    def geometry(self):
-        zero = jnp.zeros_like(self.shell.a)
-        return zero, zero + FREE_END
+    def arcs(self):
+        return FreeArcs(self.shell)
 
     def largest_angle(self):
-        return 2 * jnp.arctan(LARGEST_INFLATION + jnp.zeros_like(self.shell.a))
-
-    def stretches(self, angle):
-        l1 = angle_over_sine(angle)
-        return l1, length_stretch(l1, self.shell.a, self.shell.b)
-
-    def curvatures(self, angle):
-        a, b = self.shell.a, self.shell.b
-        return jnp.sin(angle) / a, angle / (a * angle_over_sine(angle) + b - a)
+        return angle_of_largest_inflation(self.shell)
 
     def observe(self, angle, pressure):
-        l1, l2 = self.stretches(angle)
-        return {
-            "inflation": self.shell.a * jnp.tan(0.5 * angle),
-            "stretch": l1,
-            "length_stretch": l2,
-            "clamp_angle": angle,
-        }
+        return inflated(self, angle)
 
     def profile(self, angle, pressure, n):
-        """x, z across the width at the middle, y, z_length along the length (the ends are spherical), m."""
-        a, b = self.shell.a, self.shell.b
-        arc = a * angle_over_sine(angle)
-        curvature = -jnp.sin(angle) / a
-        return two_sections(
-            (-a, jnp.stack([2 * arc]), jnp.stack([curvature])),
-            (-b, jnp.stack([arc, 2 * (b - a), arc]), jnp.stack([curvature, jnp.zeros_like(a), curvature])),
-            angle,
-            n,
-        )
+        return self.arcs().profile(angle, n)
 
 
-class FreeSquare(Free):
+class FreeSquare(ShellScene):
     """The square membrane of thesis 4.2 in free space: stretched equally both ways, p = 2 T / R, (4.7), (4.15), (4.16).
 
     What `InclinedContact` is before it touches.
     """
 
-    energy_scene = ShellScene.energy_scene
+    OBSERVABLES: ClassVar = Free.OBSERVABLES
+    CONTACT: ClassVar = False
+    ENDLESS: ClassVar = True
+
+    def arcs(self):
+        return FreeArcs(self.shell)
+
+    def largest_angle(self):
+        return angle_of_largest_inflation(self.shell)
 
     def stretches(self, angle):
         stretch = angle_over_sine(angle)
@@ -113,6 +131,28 @@ class FreeSquare(Free):
         curvature = jnp.sin(angle) / self.shell.a
         return curvature, curvature
 
+    def observe(self, angle, pressure):
+        return inflated(self, angle)
+
+    def profile(self, angle, pressure, n):
+        return self.arcs().profile(angle, n)
+
+
+def angle_of_largest_inflation(shell: FlatShell) -> Scalar:
+    """Where a drawn branch ends."""
+    return 2 * jnp.arctan(LARGEST_INFLATION + jnp.zeros_like(shell.a))
+
+
+def inflated(scene: ShellScene, angle: Scalar) -> dict[str, Scalar]:
+    """What is observed of a membrane in free space."""
+    l1, l2 = scene.stretches(angle)
+    return {
+        "inflation": scene.shell.a * jnp.tan(0.5 * angle),
+        "stretch": l1,
+        "length_stretch": l2,
+        "clamp_angle": angle,
+    }
+
 
 def two_sections(width, length, heading, n):
     """Profiles across the width and along the length, each (start, arc lengths, curvatures), clamped at z = 0."""
@@ -121,7 +161,7 @@ def two_sections(width, length, heading, n):
     return {"x": x + width[0], "z": z, "y": y + length[0], "z_length": z_length}
 
 
-class Plate(Free):
+class Plate(ShellScene):
     """The membrane in free space by the law of small deflections.
 
     p = C E t_m delta^3 / a^4 (2.1) with E = 3 mu (incompressible, Poisson's ratio 1/2) and C(a/b) from
@@ -148,7 +188,14 @@ class Plate(Free):
     """
 
     OBSERVABLES: ClassVar = {"inflation": "length"}
-    energy_scene = ShellScene.energy_scene
+    CONTACT: ClassVar = False
+    ENDLESS: ClassVar = True
+
+    def arcs(self):
+        return FreeArcs(self.shell)
+
+    def largest_angle(self):
+        return angle_of_largest_inflation(self.shell)
 
     def load(self, angle):
         shell = self.shell
@@ -163,3 +210,6 @@ class Plate(Free):
 
     def observe(self, angle, pressure):
         return {"inflation": self.shell.a * jnp.tan(0.5 * angle)}
+
+    def profile(self, angle, pressure, n):
+        return self.arcs().profile(angle, n)

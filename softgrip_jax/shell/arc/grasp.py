@@ -10,15 +10,16 @@ import numpy as np
 from jax import lax
 
 from ...errors import InputError
-from ...fields import choice, is_concrete, nonnegative
+from ...fields import choice, is_concrete, nonnegative, positive
 from ...numerics.choice import smaller
 from ...objects.friction import friction, friction_coefficient, friction_force, required_normal_force
 from ...scene import Scene
 from ...units import GRAVITY
-from ..energy.contacts import EnergyCylinder
-from ..flat_shell import FlatShell, Scalar
+from ..energy.contacts import EnergyCylinder, cylinder_observables
+from ..energy.scene import EnergyScene
+from ..flat_shell import FlatShell, Scalar, ShellScene
 from ..obstacles import Cylinder
-from .cylinder import CylinderContact
+from .cylinder import CylinderContact, OnCylinder
 
 MEAN_STEPS = 10
 """Steps of the arithmetic-geometric mean: each halves the logarithm of the axis ratio until it is small, and squares it
@@ -84,14 +85,16 @@ def _rim_lengths(a: Scalar, b: Scalar) -> tuple[Scalar, Scalar]:
     return whole, scale * (1.5 - 0.5 * k2 - (1 + k2) * total) / 3
 
 
-class Grasp(CylinderContact):
+class Grasp(ShellScene):
     """A parallel gripper of flat shells holds a cylinder at the least height h, where e_2 = 0.
 
     Friction must carry the weight, mu_f F_ext = m g / fingers (6.2), and resist tilting by an eccentric mass, T_R
     (3.36) against m g x_e (3.41).
 
     Args:
-        shell, radius, gap: as in CylinderContact.
+        shell: the actuator, longer than wide (b > a).
+        radius: r of the cylinder, m.
+        gap: d - r, its distance from the membrane, m.
         model: "arc", or "energy" for the energy membrane with the cylinder in its middle, see `EnergyGrasp`.
         mass: of the cylinder, kg; 0 where only the state at a pressure or a force is asked for.
         friction: mu_f, dimensionless, a number or a function of the normal force (N).
@@ -100,11 +103,18 @@ class Grasp(CylinderContact):
         fingers: shells that share the weight (2 in a parallel gripper).
 
     Observables:
+        - force: p A_c along the normal, N, zero before contact.
+        - force_z: its projection on the axis of inflation (3.29), N.
+        - contact_angle: theta_c, rad.
+        - flat_length: e, the mean straight length on one side, m.
+        - contact_area: A_c of the ellipse (3.28), m^2.
+        - contact_half_width, contact_half_length: c_a and c_b, m.
+        - stretch: lambda_1, dimensionless.
+        - clamp_angle: theta_m, rad.
         - height: h of the cylinder's axis above the end of the membrane, m.
         - required_force: F_ext, the least normal force that lifts, N; inf where no force does.
         - tilt_resistance: T_R, N m.
-        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. The
-            others are those of `CylinderContact`.
+        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
@@ -119,6 +129,8 @@ class Grasp(CylinderContact):
         security 1.00, h = 33.7 mm
     """
 
+    radius: Scalar = positive("length")
+    gap: Scalar = positive("length")
     mass: Scalar = nonnegative("mass", default=0.0)
     friction: Scalar = friction(default=1.0)
     eccentricity: Scalar = nonnegative("length", default=0.0)
@@ -145,22 +157,35 @@ class Grasp(CylinderContact):
             fingers=self.fingers,
         )
 
-    def flat_lengths(self, state):
-        return 2 * state.flat, jnp.zeros_like(state.flat)
+    def arcs(self) -> OnCylinder:
+        return OnCylinder(self.shell, self.radius, self.gap, self.shell.b - self.shell.a)
+
+    def approach(self):
+        return self.arcs().approach(self)
+
+    def end_reason(self):
+        return self.arcs().end_reason(self)
+
+    def is_possible(self):
+        return super().is_possible() & (self.arcs().reach > 0)
 
     def target(self):
         return _target(self.mass)
 
     def observe(self, angle, pressure):
-        observed = super().observe(angle, pressure)
+        observed = self.arcs().observables(angle, pressure)
         c_a, c_b = observed["contact_half_width"], observed["contact_half_length"]
         shear = friction_coefficient(self.friction, observed["force"]) * pressure
         resistance = tilt_moment(c_a, c_b, shear, self.lever)
         height = {"height": self.shell.b - observed["flat_length"]}
         return observed | height | holding(self, observed["force"], resistance)
 
+    def profile(self, angle, pressure, n):
+        flat = self.arcs().state(angle).flat
+        return self.arcs().profile(angle, (2 * flat, jnp.zeros_like(flat)), n)
 
-class EnergyGrasp(EnergyCylinder):
+
+class EnergyGrasp(EnergyScene):
     """What `Grasp(..., model="energy")` is solved as: the cylinder in the middle of the membrane.
 
     By energy the force depends on the height of the cylinder (a little; see `AxialOffset`), and no straight lengths are
@@ -178,8 +203,8 @@ class EnergyGrasp(EnergyCylinder):
     def target(self):
         return _target(self.mass)
 
-    def measured(self, y, pressed, pressure):
-        observed = super().measured(y, pressed, pressure)
+    def measured(self, y, contact_pressures, pressure):
+        observed = cylinder_observables(self, y, contact_pressures, pressure)
         force = observed["force"]
         resistance = friction_coefficient(self.friction, force) * observed["friction_moment"]
         return observed | holding(self, force, resistance)

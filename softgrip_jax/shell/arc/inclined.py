@@ -7,7 +7,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import lax
 
-from ...curve_scene import Approach
+from ...equations import Approach
 from ...fields import positive, right_angle
 from ...membrane import arc_chain, first_contact_angle, inclined_wall
 from ...numerics.implicit import implicit

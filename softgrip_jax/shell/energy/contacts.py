@@ -13,24 +13,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..flat_shell import Scalar
 from ..obstacles import Cylinder, Plane
-from .basis import at_points
+from .basis import Vector, at_points
 from .maps import contact_average
-from .obstacle_contact import EnergyFree, ObstacleContact, Resting
+from .resting import CONTACT, contact_observables, half_axis, resting_on
+from .scene import EnergyFree, EnergyScene
 from .sheet import local
 
 LINE_POINTS = 40
 """Gauss points along an axis: the edge of the contact is found to a hundredth of a half side."""
 
 
-def half_axis(resting: Resting, at: Float[Array, " k"], centred: bool) -> Array:
-    """2 sqrt(mean of squares), weighted by forces; about their mean, or about zero where symmetry has it there."""
-    apart = at if centred else at - resting.shares @ at
-    square = resting.shares @ apart**2
-    return jnp.where(square > 0, 2 * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-
-
-class EnergyFlat(ObstacleContact):
+class EnergyFlat(EnergyScene):
     """A plane parallel to the membrane: what `FlatContact(shell, distance, model="energy")` is solved as.
 
     contact_half_width, contact_half_length: how far the pressed part reaches from the middle along x and y, m.
@@ -41,6 +36,9 @@ class EnergyFlat(ObstacleContact):
         | {"contact_half_length": "length"}
         | EnergyFree.OBSERVABLES
     )
+
+    def measured(self, y, contact_pressures, pressure):
+        return contact_observables(self, y, contact_pressures, pressure)
 
     def observe(self, unknowns, pressure):
         observed = super().observe(unknowns, pressure)
@@ -68,23 +66,23 @@ class EnergyFlat(ObstacleContact):
         return halves
 
 
-class EnergyInclined(ObstacleContact):
+class EnergyInclined(EnergyScene):
     """A plane inclined across the width: what `InclinedContact(..., model="energy")` is solved as.
 
     contact_width, contact_length: both half axes of the contact, along the incline and along the membrane, m.
     """
 
-    OBSERVABLES: ClassVar = ObstacleContact.OBSERVABLES | {"contact_width": "length", "contact_length": "length"}
+    OBSERVABLES: ClassVar = CONTACT | EnergyFree.OBSERVABLES | {"contact_width": "length", "contact_length": "length"}
 
     def measured(self, y, contact_pressures, pressure):
         assert isinstance(self.obstacle, Plane)
-        resting = self.resting(y, contact_pressures)
+        resting = resting_on(self, y, contact_pressures)
         width = half_axis(resting, resting.places[:, 0] / jnp.cos(self.obstacle.tilt_y), False)
         sides = {"contact_width": 2 * width, "contact_length": 2 * half_axis(resting, resting.places[:, 1], True)}
-        return super().measured(y, contact_pressures, pressure) | sides
+        return contact_observables(self, y, contact_pressures, pressure) | sides
 
 
-class EnergyCylinder(ObstacleContact):
+class EnergyCylinder(EnergyScene):
     """A cylinder whose axis lies across the length: what `CylinderContact(..., model="energy")` is solved as.
 
     contact_half_length is measured along the cylinder, contact_angle is that over its radius, and contact_area that of
@@ -92,19 +90,32 @@ class EnergyCylinder(ObstacleContact):
     force is larger than pressure times area.
     """
 
-    OBSERVABLES: ClassVar = ObstacleContact.OBSERVABLES | {
-        "contact_angle": "angle",
-        "contact_half_width": "length",
-        "contact_half_length": "length",
-    }
+    OBSERVABLES: ClassVar = (
+        CONTACT
+        | EnergyFree.OBSERVABLES
+        | {
+            "contact_angle": "angle",
+            "contact_half_width": "length",
+            "contact_half_length": "length",
+        }
+    )
 
     def measured(self, y, contact_pressures, pressure):
-        rod = self.obstacle
-        assert isinstance(rod, Cylinder)
-        resting = self.resting(y, contact_pressures)
-        x, y_, z = resting.places.T
-        turned = jnp.arctan2(y_ - rod.offset_y, rod.gap + rod.radius - z)
-        angle = half_axis(resting, turned, self.symmetry == "both")
-        width, length = half_axis(resting, x, True), rod.radius * angle
-        sides = {"contact_angle": angle, "contact_half_width": width, "contact_half_length": length}
-        return super().measured(y, contact_pressures, pressure) | sides | {"contact_area": jnp.pi * width * length}
+        return cylinder_observables(self, y, contact_pressures, pressure)
+
+
+def cylinder_observables(
+    scene: EnergyScene, y: Vector, contact_pressures: Float[Array, " k"], pressure: Scalar
+) -> dict[str, Array]:
+    """What is observed of a contact with a cylinder."""
+    rod = scene.obstacle
+    assert isinstance(rod, Cylinder)
+    resting = resting_on(scene, y, contact_pressures)
+    x, y_, z = resting.places.T
+    turned = jnp.arctan2(y_ - rod.offset_y, rod.gap + rod.radius - z)
+    angle = half_axis(resting, turned, scene.symmetry == "both")
+    width, length = half_axis(resting, x, True), rod.radius * angle
+    sides = {"contact_angle": angle, "contact_half_width": width, "contact_half_length": length}
+    return (
+        contact_observables(scene, y, contact_pressures, pressure) | sides | {"contact_area": jnp.pi * width * length}
+    )

@@ -8,12 +8,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
+from jaxtyping import Array, Float
 
-from ...numerics.implicit import implicit
-from ...results import Solution, Status, stop_gradient_where_failed
-from ...scene import Found, frozen
-from ..flat_shell import Scalar
-from .basis import Vector
+from ..numerics.implicit import implicit
+from ..results import Solution, Status, stop_gradient_where_failed
+from ..scene import Found, frozen
+
+Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
 
 LARGEST_LOAD = 4.0
 """Cube root of the largest p a / (mu t_m) that is looked at: 64 is three times more than any measured shell had."""
@@ -25,7 +27,7 @@ CLOSE = 1e-5
 """Where equilibrium ends is known this well, relative to the load, before the search gives up."""
 
 
-def onset(scene: Any) -> Scalar:
+def onset(method: Any, scene: Any) -> Scalar:
     """The pressure (Pa) at which the free membrane meets the object at a contact point."""
     free = scene.without_body()
     fixed = frozen(scene)
@@ -33,7 +35,7 @@ def onset(scene: Any) -> Scalar:
     def nearest(scene, free_unknowns):
         return -jnp.min(scene.functional.gaps(free_unknowns, scene))
 
-    found, _, _ = seek(frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
+    found, _, _ = seek(method, frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
     ok = found.status == Status.OK
     scene, free = stop_gradient_where_failed(ok, (scene, free))
 
@@ -45,7 +47,7 @@ def onset(scene: Any) -> Scalar:
     return jnp.where(ok, scaled * scene.unit(), jnp.nan)
 
 
-def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
+def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
     """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois).
 
     Returns the point, what is left of the surplus there, and whether the branch ended before it (the point is then the
@@ -57,7 +59,7 @@ def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found
 
     def step(state):
         start, start_load, slope, low, low_value, high, high_value, load, side, _, count = state
-        found, *after = scene.find_from(start, start_load, slope, load**3 * unit)
+        found, *after = method.find_from(scene, start, start_load, slope, load**3 * unit)
         solved = (found.status == Status.OK) | (found.status == Status.NO_CONTACT)
         value = jnp.where(solved, surplus(found.unknowns, found.pressure), jnp.nan)
         below = value < 0
@@ -67,8 +69,8 @@ def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found
         high_value = jnp.where(below & stays, 0.5 * high_value, jnp.where(below, high_value, value))
         low_value = jnp.where(~below & stays, 0.5 * low_value, jnp.where(below, value, low_value))
         low, high = jnp.where(below, load, low), jnp.where(below, high, load)
-        share = low_value / (low_value - high_value)
-        inside = low + (high - low) * jnp.where(jnp.isfinite(share), share, 0.5)
+        part = low_value / (low_value - high_value)
+        inside = low + (high - low) * jnp.where(jnp.isfinite(part), part, 0.5)
         next_load = jnp.where(jnp.isfinite(high), inside, GROWTH * load)
         kept = jax.tree.map(lambda a, b: jnp.where(below, a, b), tuple(after), (start, start_load, slope))
         return *kept, low, low_value, high, high_value, next_load, new_side, (found, value), count + 1
@@ -93,7 +95,7 @@ def seek(scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found
     return found, value, jnp.isnan(value) | (last[7] >= LARGEST_LOAD)
 
 
-def solve_for(scene: Any, name: str, target: Scalar) -> Solution:
+def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     """The solution at the pressure that gives an observable its wanted value."""
     fixed, value = frozen((scene, target))
 
@@ -101,7 +103,7 @@ def solve_for(scene: Any, name: str, target: Scalar) -> Solution:
         size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
         return (scene.observe(unknowns, pressure)[name] - target) / size
 
-    found, left, ended = seek(fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
+    found, left, ended = seek(method, fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
     status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
     possible = fixed.can_exist() & jnp.isfinite(value)
     status = jnp.where(possible, status, Status.IMPOSSIBLE)

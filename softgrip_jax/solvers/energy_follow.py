@@ -1,26 +1,29 @@
-"""Batches of energy membranes: the members are solved one after the other, each from a guess that those before it give.
+"""Minima of a scene's energy that are followed as the load grows, and batches of them.
 
-On a CPU one member alone makes better use of matrix products than many side by side, and does not wait for others. The
-guess is a linear fit, by least squares, of coefficients and contact pressures over the numbers in which members differ.
-It decides what a member costs and not what is found: where the minimum is not close to the guess (BESIDE), the member
-is followed from the flat membrane as if it were alone.
+The members of a batch are solved one after the other, each from a guess that those before it give. On a CPU one member
+alone makes better use of matrix products than many side by side, and does not wait for others. The guess is a linear
+fit, by least squares, of coefficients and contact pressures over the numbers in which members differ. It decides what a
+member costs and not what is found: where the minimum is not close to the guess (BESIDE), the member is followed from
+the flat membrane as if it were alone.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import sequential_vmap
+from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
-from ...numerics.choice import select
-from ...numerics.minimise import Minimum
+from ..numerics.choice import select
+from ..numerics.minimise import Minimum, minimise
 
 Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
 Numbers = Float[Array, " m"]
 
 BESIDE = 0.3
@@ -33,6 +36,41 @@ MOST = 24
 """The fit is over at most so many numbers: with more it costs more than it saves."""
 PRIOR = 0.01
 """Slopes of zero weigh as much as so many members: few members determine no slopes."""
+
+
+def follow(
+    scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar | float
+) -> Minimum:
+    """The minimum at `load`, from a known one, by load steps of at most `largest`."""
+    return _follow(scene, start, start_load, guess, load, jnp.asarray(largest))
+
+
+# The members of a batch are solved one after the other: on a CPU one alone makes better use of matrix products, and
+# does not wait for others.
+@sequential_vmap
+def _follow(scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar) -> Minimum:
+    return minimise(scene.expansions(), scene.split(start), start_load, scene.split(guess), load, largest)
+
+
+def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
+    """The minimum at `load` on the branch that begins at the flat membrane, by load steps of at most `largest`."""
+    return _finder(largest)(scene, load)
+
+
+@functools.cache
+def _finder(largest: float) -> Callable[[Any, Scalar], Minimum]:
+    """`minimum_at` with its rule for batches."""
+
+    @custom_vmap
+    def _find(scene: Any, load: Scalar) -> Minimum:
+        return follow(scene, scene.unloaded_state(), jnp.zeros_like(load), scene.first_guess(load), load, largest)
+
+    @_find.def_vmap
+    def _find_batch(axis_size, is_batched, *members):
+        met = one_after_other(_find, axis_size, tuple(is_batched), members, largest)
+        return met, jax.tree.map(lambda _: True, met)
+
+    return _find
 
 
 class _Known(NamedTuple):
@@ -48,7 +86,9 @@ class _Known(NamedTuple):
     """and its minimum; `reached` says whether there is one."""
 
 
-def one_after_other(find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, members: Any) -> Minimum:
+def one_after_other(
+    find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, members: Any, largest: float
+) -> Minimum:
     """The minima of all members. `find`: (scene, load) -> that of one member, from the flat membrane."""
 
     def spread(leaf, batched):
@@ -59,7 +99,7 @@ def one_after_other(find: Callable[[Any, Scalar], Minimum], size: int, is_batche
     *varied, load = [leaf if batched else jnp.zeros((size, 0)) for leaf, batched in pairs]
     numbers = _numbers(load, varied, size)
     # In a batch of batches each has its own fit, and none is computed that is not needed.
-    return sequential_vmap(lambda numbers, members: _in_turn(find, numbers, members))(numbers, members)
+    return sequential_vmap(lambda numbers, members: _in_turn(find, numbers, members, largest))(numbers, members)
 
 
 def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]:
@@ -73,7 +113,9 @@ def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]
     return jnp.concatenate([jnp.ones((size, 1)), usual, loads**2], axis=1)
 
 
-def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], members: Any) -> Minimum:
+def _in_turn(
+    find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], members: Any, largest: float
+) -> Minimum:
     def next_member(known: _Known, member):
         here, (scene, load) = member
 
@@ -82,7 +124,7 @@ def _in_turn(find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"
 
         def tried():
             guess = _guess(known, here, load, scene)
-            met = scene.follow(guess, load, guess, load)
+            met = follow(scene, guess, load, guess, load, largest)
             beside = met.reached & (jnp.max(jnp.abs(met.y - scene.split(guess)[0])) < BESIDE)
             return lax.cond(beside, lambda: met, begin)
 

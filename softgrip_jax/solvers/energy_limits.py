@@ -8,15 +8,17 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import sequential_vmap
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
-from ...numerics.continuation import fold_load
-from ...numerics.control import hold, top
-from ...results import Solution, Status, stop_gradient_where_failed
-from ...scene import Found, frozen
-from ..flat_shell import Scalar
-from .basis import Vector
-from .seek import FIRST_LOAD, LARGEST_LOAD
+from ..numerics.continuation import fold_load
+from ..numerics.control import hold, top
+from ..results import Solution, Status, stop_gradient_where_failed
+from ..scene import Found, frozen
+from .energy_follow import follow
+from .energy_values import FIRST_LOAD, LARGEST_LOAD
+
+Scalar = Float[Array, ""]
+Vector = Float[Array, " n"]
 
 BRANCH = 2.0
 """A drawn branch ends so many times as far from the flat membrane as the limit point."""
@@ -36,17 +38,17 @@ def _linear(scene: Any):
     return linear
 
 
-def find_limit(scene: Any) -> Found:
-    """The limit point; `end` is 1 there, 0 where the branch ends without one."""
-    return _limit(scene)
+def find_limit(scene: Any, largest: float) -> Found:
+    """The limit point; `end` is 1 there, 0 where the branch ends without one. largest: load step."""
+    return _limit(scene, jnp.asarray(largest))
 
 
-# The members of a batch are solved one after the other, as equilibria are: see `scene`.
+# The members of a batch are solved one after the other, as equilibria are: see `energy_follow`.
 @sequential_vmap
-def _limit(scene: Any) -> Found:
+def _limit(scene: Any, largest: Scalar) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
-    climb = scene.follow(scene.unloaded_state(), zero, scene.first_guess(far), far)
+    climb = follow(scene, scene.unloaded_state(), zero, scene.first_guess(far), far, largest)
     kept, scaled = jnp.concatenate([climb.y, climb.multipliers]), climb.load**3
     # Next to the limit this is the direction in which stiffness is lost.
     _, jacobian, by_load = _linear(scene)(kept, scaled)
@@ -74,17 +76,17 @@ def limit_pressure_from(scene: Any, found: Found) -> Scalar:
     return jnp.where(found.status == Status.OK, jnp.where(at_fold, fold, found.pressure), jnp.nan)
 
 
-def branch(scene: Any, n: int) -> Solution:
+def branch(method: Any, scene: Any, n: int) -> Solution:
     """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance, or up to the
     end of the branch where that is no limit point.
 
     Behind the limit these are equilibria at a given displacement.
     """
     fixed = frozen(scene)
-    limit = fixed.find_limit()
+    limit = method.find_limit(fixed)
     zero = jnp.zeros_like(limit.pressure)
     low = zero + FIRST_LOAD
-    begun = fixed.follow(fixed.unloaded_state(), zero, fixed.first_guess(low), low)
+    begun = follow(fixed, fixed.unloaded_state(), zero, fixed.first_guess(low), low, method.largest_step)
     first = jnp.concatenate([begun.y, begun.multipliers])
     reach = jnp.where(limit.end == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
     length = (reach - jnp.linalg.norm(first)) / (n - 1)
