@@ -113,7 +113,9 @@ class Samples(Designs):
 
     def rows(self, start, stop):
         low, high = np.array([(r.low, r.high) for r in self.ranges]).T
-        return between(self.unit(start, stop), low, high, np.array([r.scale == "log" for r in self.ranges]))
+        is_log = np.array([r.scale == "log" for r in self.ranges])
+        # The same numbers, without an exponential of each where none is asked for.
+        return between(self.unit(start, stop), low, high, is_log if is_log.any() else False)
 
     @abc.abstractmethod
     def unit(self, start: int, stop: int) -> np.ndarray:
