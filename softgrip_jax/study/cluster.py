@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import logging
-import os
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -30,16 +29,21 @@ REACHED_SECONDS = 10
 """Until a scheduler that does not answer is said to be none."""
 PATIENCE = 120.0
 """Seconds without any worker until the run is given up."""
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
-}
-"""Each worker is a process with one thread of XLA on a core of its own."""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "PJRT_NPROC": "1"}
+"""Each worker is a process with one thread of XLA on a core of its own. The flag xla_cpu_multi_thread_eigen would do so
+too, but its products of matrices differ in their last digits from those of a process that does without it."""
 
 
 @contextmanager
 def client(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Any]:
-    """What computes on workers: on processes of this machine, which end with it, or on those of a scheduler that runs.
+    """What computes a study on workers, see `connected`."""
+    with connected(workers, scheduler, insecure) as found:
+        yield partial(compute_on, found, workers is not None)
+
+
+@contextmanager
+def connected(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Any]:
+    """A client of Dask: of processes of this machine, which end with it, or of a scheduler that runs.
 
     Certificates for a scheduler (tls://) are those of Dask's own configuration, `distributed.comm.tls`.
 
@@ -57,7 +61,6 @@ def client(workers: int | None, scheduler: str | None, insecure: bool = False) -
         raise ConfigError("--workers and --scheduler need Dask; pip install softgrip_jax[cluster].") from None
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     if workers is not None:
-        flags = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD['XLA_FLAGS']}".strip()
         # Only who holds these certificates, which are in the memory of these processes alone, can send work.
         with (
             distributed.LocalCluster(
@@ -66,12 +69,12 @@ def client(workers: int | None, scheduler: str | None, insecure: bool = False) -
                 host="tls://127.0.0.1",
                 dashboard_address=None,
                 security=Security.temporary(),
-                env=ONE_THREAD | {"XLA_FLAGS": flags},
+                env=ONE_THREAD,
                 silence_logs=logging.CRITICAL,
             ) as cluster,
             distributed.Client(cluster) as found,
         ):
-            yield partial(compute_on, found, True)
+            yield found
         return
     try:
         found = distributed.Client(scheduler, security=Security(), timeout=REACHED_SECONDS)
@@ -79,7 +82,7 @@ def client(workers: int | None, scheduler: str | None, insecure: bool = False) -
         words = " ".join(str(error).split()).rstrip(".") or "it does not answer"
         raise ConfigError(f"The scheduler {scheduler} cannot be reached: {words}.") from None
     with found:
-        yield partial(compute_on, found, False)
+        yield found
 
 
 def refuse_plain(address: str, insecure: bool) -> None:
@@ -107,12 +110,12 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
     from distributed.comm.core import CommClosedError
     from distributed.scheduler import KilledWorker
 
-    from .worker import StudyPlugin, run_range
+    from .worker import Plugin, run_range
 
     name = f"softgrip-{uuid.uuid4().hex}"
     content = cloudpickle.dumps((store.address, store.study))
     try:
-        client.register_plugin(StudyPlugin(name, content, pinned))
+        client.register_plugin(Plugin(name, content, pinned))
         ranges = _Ranges(todo)
         pending: dict[Any, list[int]] = {}
         seen = time.monotonic()
