@@ -14,10 +14,13 @@ from typing import Any
 
 from ..commands import programs
 from ..errors import ConfigError
-from .cluster import connected
+from .cluster import connected, lost_is_one_sentence
 
 Calls = Callable[[Sequence[tuple[Any, ...]]], list[Any]]
 """Takes the arguments of many calls and gives their answers."""
+
+
+WORK, AGAIN = "The work was not finished", "run it again"
 
 
 class Spread:
@@ -35,11 +38,11 @@ class Spread:
 
         name = f"softgrip-{uuid.uuid4().hex}"
         content = cloudpickle.dumps((programs.is_used(), make, args))
-        with lost_is_one_sentence():
+        with lost_is_one_sentence(WORK, AGAIN):
             self.client.register_plugin(Plugin(name, content, self.pinned))
 
         def run(calls: Sequence[tuple[Any, ...]]) -> list[Any]:
-            with lost_is_one_sentence():
+            with lost_is_one_sentence(WORK, AGAIN):
                 futures = [self.client.submit(call, name, pickle.dumps(given), pure=False) for given in calls]
                 try:
                     return self.client.gather(futures)
@@ -52,22 +55,6 @@ class Spread:
         finally:
             with suppress(Exception):  # a scheduler that is gone has no workers to tell
                 self.client.unregister_worker_plugin(name)
-
-
-@contextmanager
-def lost_is_one_sentence() -> Iterator[None]:
-    """A ConfigError where the workers or their scheduler are lost."""
-    import asyncio
-
-    from distributed.comm.core import CommClosedError
-    from distributed.scheduler import KilledWorker
-
-    try:
-        yield
-    except KilledWorker:
-        raise ConfigError("The same work ended several workers, and was given up; it may need more memory.") from None
-    except (asyncio.CancelledError, CommClosedError, TimeoutError):
-        raise ConfigError("The scheduler was lost; when it is back, run it again.") from None
 
 
 @contextmanager

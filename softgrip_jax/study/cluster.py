@@ -8,8 +8,10 @@ scheduler or this process dies the store keeps what was written, and the next ru
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import ipaddress
 import logging
+import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -59,11 +61,12 @@ def connected(workers: int | None, scheduler: str | None, insecure: bool = False
         from distributed.security import Security
     except ImportError:
         raise ConfigError("--workers and --scheduler need Dask; pip install softgrip_jax[cluster].") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is wrong is said in one sentence
     if workers is not None:
         # Only who holds these certificates, which are in the memory of these processes alone, can send work.
-        with (
-            distributed.LocalCluster(
+        with without_ctrl_c():
+            cluster = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 host="tls://127.0.0.1",
@@ -71,9 +74,8 @@ def connected(workers: int | None, scheduler: str | None, insecure: bool = False
                 security=Security.temporary(),
                 env=ONE_THREAD,
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster) as found,
-        ):
+            )
+        with cluster, distributed.Client(cluster) as found:
             yield found
         return
     try:
@@ -83,6 +85,23 @@ def connected(workers: int | None, scheduler: str | None, insecure: bool = False
         raise ConfigError(f"The scheduler {scheduler} cannot be reached: {words}.") from None
     with found:
         yield found
+
+
+@contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """The threads that are begun here, and all the processes that they begin, never hear Ctrl-C, which a terminal sends
+    to every process of a command: this one alone ends the others."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it would let the signal through again as it begins
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def refuse_plain(address: str, insecure: bool) -> None:
@@ -107,14 +126,12 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
     """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
     import cloudpickle
     from distributed import wait
-    from distributed.comm.core import CommClosedError
-    from distributed.scheduler import KilledWorker
 
     from .worker import Plugin, run_range
 
     name = f"softgrip-{uuid.uuid4().hex}"
     content = cloudpickle.dumps((store.address, store.study))
-    try:
+    with lost_is_one_sentence("The study was not finished", AGAIN):
         client.register_plugin(Plugin(name, content, pinned))
         ranges = _Ranges(todo)
         pending: dict[Any, list[int]] = {}
@@ -135,10 +152,20 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
                 ranges.learn(len(blocks), seconds)
                 tell(count, kind)
         client.unregister_worker_plugin(name)
+
+
+@contextmanager
+def lost_is_one_sentence(what: str, again: str) -> Iterator[None]:
+    """A ConfigError, which begins with what happened and says what to do, where workers or their scheduler are lost."""
+    from distributed.comm.core import CommClosedError
+    from distributed.scheduler import KilledWorker
+
+    try:
+        yield
     except KilledWorker:
-        raise ConfigError(f"The study was not finished: the same designs ended several workers; {AGAIN}.") from None
-    except (asyncio.CancelledError, CommClosedError, TimeoutError):
-        raise ConfigError(f"The study was not finished: the scheduler was lost; when it is back, {AGAIN}.") from None
+        raise ConfigError(f"{what}: the same work ended several workers; {again}.") from None
+    except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError, TimeoutError):
+        raise ConfigError(f"{what}: the scheduler was lost; when it is back, {again}.") from None
 
 
 class _Ranges:
