@@ -270,6 +270,46 @@ def test_a_study_that_is_stopped_leaves_no_processes(tmp_path, how):
     same(tmp_path / "one", out)
 
 
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder that holds a megabyte, and what makes it larger."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("only who may mount a file system can fill one")
+    yield place, lambda: subprocess.run(["mount", "-o", "remount,size=64m", str(place)], check=True)
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="makes a small disk by mount")
+@pytest.mark.parametrize("words", [[], ["--workers", "2"]])
+def test_a_disk_that_is_full_is_one_sentence(tmp_path, small_disk, words):
+    """The command is told beforehand that there is room: other programs may take it."""
+    place, enlarge = small_disk
+    with Cluster(tmp_path) as cluster:
+        cluster.config.write_text(CONFIG.replace("5000", "60000"))
+        room = SMALL.replace("from softgrip_jax.cli", NO_LOOK + "    from softgrip_jax.cli", 1)
+        sweep = ["-c", room, "sweep", str(cluster.config), "--out", str(place / "study"), *words]
+        full = cluster.start(*sweep, **HEARD)
+        said = full.communicate(timeout=MOST_SECONDS)[1]
+        assert full.returncode == 2, said
+        assert "no space left on device; when that is mended, run it again" in said
+        assert len(said.splitlines()) == 1
+        enlarge()
+        again = cluster.start(*sweep, **HEARD)
+        assert "going on with" in again.communicate(timeout=MOST_SECONDS)[0]
+        assert again.returncode == 0
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", place / "study")
+
+
+NO_LOOK = """from softgrip_jax.commands import sweep
+    sweep.refuse_what_cannot_end = lambda *_: None
+"""
+
+
 # A shell's job in the background begins with Ctrl-C ignored.
 SMALL = """
 import signal
