@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from conftest import ROOT
 from helpers import shell
 from test_study import same
 
@@ -268,6 +269,41 @@ def test_a_study_that_is_stopped_leaves_no_processes(tmp_path, how):
         assert again.returncode == 0
         assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
     same(tmp_path / "one", out)
+
+
+SBATCH = """#!/bin/sh
+cp "$1" "$0.$$"
+setsid sh "$0.$$" >"$0.log" 2>&1 &
+echo "Submitted batch job $$"
+"""
+
+
+@pytest.mark.slow
+def test_the_jobs_of_slurm(tmp_path):
+    """The program of the docs, whose job scripts are run here in place of being queued."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
+    page = (ROOT / "docs" / "guides" / "cluster.md").read_text()
+    program = page.split("```python\n")[1].split("```")[0].replace("jobs=128", "jobs=2")
+    sbatch = tmp_path / "bin" / "sbatch"
+    sbatch.parent.mkdir()
+    sbatch.write_text(SBATCH)
+    sbatch.chmod(0o755)
+    with Cluster(tmp_path) as cluster:
+        cluster.env["PATH"] = f"{sbatch.parent}:{cluster.env['PATH']}"
+        queue = cluster.start("-c", program, cwd=tmp_path, **HEARD)
+        cluster.address = queue.stdout.readline().strip()
+        assert cluster.address.startswith("tls://")
+        client = cluster.sweep_there(tmp_path / "two", **HEARD)
+        said = client.communicate(timeout=MOST_SECONDS)[1]
+        assert client.returncode == 0, said
+        scripts = list(sbatch.parent.glob("sbatch.[0-9]*"))
+        assert len(scripts) == 2
+        for script in scripts:
+            words = script.read_text()
+            assert "#SBATCH --cpus-per-task=1\n#SBATCH --mem=2G\n#SBATCH -t 04:00:00" in words
+            assert "--tls-ca-file" in words
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", tmp_path / "two")
 
 
 @pytest.fixture

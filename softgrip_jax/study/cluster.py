@@ -11,6 +11,7 @@ import asyncio
 import concurrent.futures
 import ipaddress
 import logging
+import queue
 import signal
 import time
 import uuid
@@ -29,6 +30,8 @@ QUEUED = 2
 """Ranges that every worker has: one at work and one that waits."""
 REACHED_SECONDS = 10
 """Until a scheduler that does not answer is said to be none."""
+LOOK_SECONDS = 1.0
+"""Between two looks at how many workers there are."""
 PATIENCE = 120.0
 """Seconds without any worker until the run is given up."""
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "PJRT_NPROC": "1"}
@@ -125,7 +128,6 @@ def refuse_plain(address: str, insecure: bool) -> None:
 def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tell: Callable[[int, str], None]) -> None:
     """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
     import cloudpickle
-    from distributed import wait
 
     from .worker import Plugin, run_range
 
@@ -133,21 +135,26 @@ def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tel
     content = cloudpickle.dumps((store.address, store.study))
     with lost_is_one_sentence("The study was not finished", AGAIN):
         client.register_plugin(Plugin(name, content, pinned))
-        ranges = _Ranges(todo)
+        ranges, done = _Ranges(todo), queue.SimpleQueue()
         pending: dict[Any, list[int]] = {}
-        seen = time.monotonic()
+        seen, looked, threads = time.monotonic(), -LOOK_SECONDS, 0
         while len(ranges) or pending:
-            threads = sum(client.nthreads().values())
-            if not threads and time.monotonic() - seen > PATIENCE:
-                raise ConfigError(f"The scheduler has had no workers for {PATIENCE:.0f} s; {AGAIN} when it has some.")
+            if time.monotonic() - looked > LOOK_SECONDS:  # workers may have joined or left
+                threads, looked = sum(client.nthreads().values()), time.monotonic()
+                if threads:
+                    seen = looked
+                elif looked - seen > PATIENCE:
+                    raise ConfigError(
+                        f"The scheduler has had no workers for {PATIENCE:.0f} s; {AGAIN} when it has some."
+                    )
             while len(ranges) and len(pending) < QUEUED * max(threads, 1):
                 blocks = ranges.next()
-                pending[client.submit(run_range, name, blocks, pure=False)] = blocks
-            with suppress(TimeoutError):
-                # Looked at again now and then: workers may have joined.
-                wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
-            for future in [future for future in pending if future.done()]:
-                seen, blocks = time.monotonic(), pending.pop(future)
+                future = client.submit(run_range, name, blocks, pure=False)
+                pending[future] = blocks
+                future.add_done_callback(done.put)
+            with suppress(queue.Empty):
+                future = done.get(timeout=LOOK_SECONDS)
+                blocks = pending.pop(future)
                 count, seconds, kind = future.result()
                 ranges.learn(len(blocks), seconds)
                 tell(count, kind)
