@@ -31,7 +31,7 @@ def design(
 
     - softgrip design configs/shell_grasp.toml
     """
-    from softgrip_jax.study.calls import spread_over
+    from softgrip_jax.spread import spread_over
 
     from .design.run import run_design
 
@@ -57,7 +57,7 @@ def calibrate(
 
     - softgrip calibrate configs/calibrate_shell.toml
     """
-    from softgrip_jax.study.calls import spread_over
+    from softgrip_jax.spread import spread_over
 
     from .calibration.run import run_calibrate
 

@@ -283,7 +283,7 @@ def test_the_jobs_of_slurm(tmp_path):
     """The program of the docs, whose job scripts are run here in place of being queued."""
     pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
     page = (ROOT / "docs" / "guides" / "cluster.md").read_text()
-    program = page.split("```python\n")[1].split("```")[0].replace("jobs=128", "jobs=2")
+    program = page.split("```py\n")[1].split("```")[0].replace("jobs=128", "jobs=2")
     sbatch = tmp_path / "bin" / "sbatch"
     sbatch.parent.mkdir()
     sbatch.write_text(SBATCH)

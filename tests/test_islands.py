@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("default")  # what Dask warns of is its 
 
 @pytest.fixture(scope="module")
 def workers():
-    from softgrip_jax.study.calls import spread_over
+    from softgrip_jax.spread import spread_over
 
     with spread_over(2, None) as spread:
         yield spread
@@ -60,9 +60,9 @@ def test_a_search_is_the_same_on_workers(workers, ask):
 
 
 def functions_there():
-    from softgrip_jax.study import worker
+    from softgrip_jax import spread
 
-    return len(worker._functions)
+    return len(spread._functions)
 
 
 def test_a_bootstrap_is_the_same_on_workers(workers):

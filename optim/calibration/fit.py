@@ -24,7 +24,7 @@ from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
-from softgrip_jax.study.calls import Spread
+from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT

@@ -22,7 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
-from softgrip_jax.study.calls import Spread
+from softgrip_jax.spread import Spread
 
 from ..space import to_free
 from .fit import CONFIDENCE, Fit, run_members

@@ -11,7 +11,7 @@ from scipy import stats
 
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
-from softgrip_jax.study.calls import Spread
+from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 

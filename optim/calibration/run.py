@@ -26,7 +26,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
-from softgrip_jax.study.calls import Spread
+from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
 from ..records import summary, versions

@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from softgrip_jax.study.calls import Calls, Spread
+from softgrip_jax.spread import Calls, Spread
 
 from ..problem import Problem
 from .descent import Evaluator

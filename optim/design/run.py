@@ -27,7 +27,7 @@ from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
-from softgrip_jax.study.calls import Spread
+from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 
 from .. import rules

@@ -74,6 +74,8 @@ def connected(workers: int | None, scheduler: str | None, insecure: bool = False
                 threads_per_worker=1,
                 host="tls://127.0.0.1",
                 dashboard_address=None,
+                # What is left of it without pages, at any port of this machine: another cluster may have the usual one.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 security=Security.temporary(),
                 env=ONE_THREAD,
                 silence_logs=logging.CRITICAL,

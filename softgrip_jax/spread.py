@@ -12,9 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from ..commands import programs
-from ..errors import ConfigError
-from .cluster import connected, lost_is_one_sentence
+from .cache import enable_cache
+from .commands import programs
+from .errors import ConfigError
 
 Calls = Callable[[Sequence[tuple[Any, ...]]], list[Any]]
 """Takes the arguments of many calls and gives their answers."""
@@ -34,16 +34,17 @@ class Spread:
         """Calls of the function make(*args), which every worker makes for itself once."""
         import cloudpickle
 
-        from .worker import Plugin, call
+        from .study.cluster import lost_is_one_sentence
+        from .study.worker import Plugin
 
         name = f"softgrip-{uuid.uuid4().hex}"
         content = cloudpickle.dumps((programs.is_used(), make, args))
         with lost_is_one_sentence(WORK, AGAIN):
-            self.client.register_plugin(Plugin(name, content, self.pinned))
+            self.client.register_plugin(Plugin(name, content, self.pinned, _forget))
 
         def run(calls: Sequence[tuple[Any, ...]]) -> list[Any]:
             with lost_is_one_sentence(WORK, AGAIN):
-                futures = [self.client.submit(call, name, pickle.dumps(given), pure=False) for given in calls]
+                futures = [self.client.submit(_call, name, pickle.dumps(given), pure=False) for given in calls]
                 try:
                     return self.client.gather(futures)
                 except BaseException:
@@ -61,12 +62,36 @@ class Spread:
 def spread_over(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Spread | None]:
     """The workers that are asked for; None where none are.
 
-    Raises: ConfigError as `cluster.client`, and where --insecure is given alone.
+    Raises: ConfigError as `study.cluster.connected`, and where --insecure is given alone.
     """
     if workers is None and scheduler is None:
         if insecure:
             raise ConfigError("--insecure is given without --scheduler, to which it belongs.")
         yield None
         return
+    from .study.cluster import connected
+
     with connected(workers, scheduler, insecure) as client:
         yield Spread(client, workers is not None)
+
+
+# --- on a worker ------------------------------------------------------------------------------------------------------
+
+_functions: dict[str, Any] = {}
+
+
+def _call(name: str, given: bytes) -> Any:
+    """One call of a function, whose arguments are pickled."""
+    from .study.worker import received
+
+    if name not in _functions:
+        is_command, make, args = pickle.loads(received[name])
+        if is_command:
+            programs.settings()
+        enable_cache()
+        _functions[name] = make(*args)
+    return _functions[name](*pickle.loads(given))
+
+
+def _forget(name: str) -> None:
+    _functions.pop(name, None)
