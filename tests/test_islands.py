@@ -32,7 +32,7 @@ def shells():
 def fingers():
     """Solved from what is known nearby, which the workers are told."""
     scene = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), beam=sg.pneunet.Collocation(points=4))
-    variables = [optim.Variable("finger.H", 3.5 * mm, 7 * mm), optim.Variable("finger.t_m", 0.9 * mm, 1.6 * mm)]
+    variables = [optim.Variable("finger.H", 4.5 * mm, 6 * mm), optim.Variable("finger.t_m", 1.0 * mm, 1.3 * mm)]
     return scene, variables, optim.Quantity("tip_force", at=20 * kPa)
 
 
