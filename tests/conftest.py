@@ -35,6 +35,7 @@ LONGEST = [
     "docs",
     "energy",
     "search",
+    "islands",
     "docstrings",
     "beam",
     "study",
