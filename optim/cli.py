@@ -11,21 +11,32 @@ import typer
 from softgrip_jax.cli.app import NO_ANSWER, AsJson
 from softgrip_jax.commands.files import console_for, tell_folder
 
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes on this machine that compute.")]
+Scheduler = Annotated[str | None, typer.Option(help="A running Dask scheduler whose workers compute: tls://host:8786.")]
+Insecure = Annotated[bool, typer.Option(help="Allow tcp:// to a scheduler on another machine.")]
+
 
 def design(
     config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [design].")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    insecure: Insecure = False,
     as_json: AsJson = False,
 ) -> None:
     """Search for a better design by gradient, from many starts at once.
 
-    Exit code 1 where no design that keeps every constraint is found.
+    Exit code 1 where no design that keeps every constraint is found. --workers and --scheduler need
+    pip install softgrip_jax[cluster]; the answer is the same without them.
 
     - softgrip design configs/shell_grasp.toml
     """
+    from softgrip_jax.spread import spread_over
+
     from .design.run import run_design
 
-    folder = run_design(config, out, console_for(as_json))
+    with spread_over(workers, scheduler, insecure) as spread:
+        folder = run_design(config, out, console_for(as_json), spread)
     tell_folder(as_json, folder)
     found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     if not found.get("best", {"feasible": True})["feasible"]:
@@ -35,12 +46,20 @@ def design(
 def calibrate(
     config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [calibrate], or with a [tension].")],
     out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    insecure: Insecure = False,
     as_json: AsJson = False,
 ) -> None:
     """Fit mu, or any other numbers, to measured curves; or materials to a tension test.
 
+    --workers and --scheduler spread the fits of a bootstrap; they need pip install softgrip_jax[cluster].
+
     - softgrip calibrate configs/calibrate_shell.toml
     """
+    from softgrip_jax.spread import spread_over
+
     from .calibration.run import run_calibrate
 
-    tell_folder(as_json, run_calibrate(config, out, console_for(as_json)))
+    with spread_over(workers, scheduler, insecure) as spread:
+        tell_folder(as_json, run_calibrate(config, out, console_for(as_json), spread))

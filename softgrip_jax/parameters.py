@@ -143,6 +143,8 @@ class Parameters:
 
 def between(t: Any, low: Any, high: Any, is_log: Any, xp: Any = np) -> Any:
     """Values from unit values t: low + t (high - low), or low (high / low)^t where `is_log`."""
+    if is_log is False:
+        return low + t * (np.asarray(high) - low)
     ratio = np.where(is_log, np.asarray(high) / np.where(is_log, low, 1.0), 1.0)
     return xp.where(is_log, low * xp.exp(t * np.log(ratio)), low + t * (np.asarray(high) - low))
 

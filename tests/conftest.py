@@ -37,6 +37,7 @@ LONGEST = [
     "docs",
     "energy",
     "search",
+    "islands",
     "docstrings",
     "beam",
     "study",

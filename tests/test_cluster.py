@@ -2,8 +2,15 @@
 
 import os
 import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
+from conftest import ROOT
 from helpers import shell
 from test_study import same
 
@@ -136,59 +143,217 @@ def certificates(folder):
     return settings
 
 
+class Cluster:
+    """dask scheduler, dask worker and softgrip as processes of their own, which talk by TLS."""
+
+    def __init__(self, folder):
+        self.env, self.started = os.environ | certificates(folder / "tls"), []
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            self.address = f"tls://127.0.0.1:{free.getsockname()[1]}"
+        self.config = folder / "study.toml"
+        self.config.write_text(CONFIG.replace("5000", "1000000"))
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in self.started:
+            process.kill()
+            process.communicate()
+
+    def start(self, *words, **more):
+        self.started.append(subprocess.Popen([sys.executable, *words], env=self.env, text=True, **QUIET | more))
+        return self.started[-1]
+
+    def scheduler(self):
+        return self.start("-m", "distributed.cli.dask_scheduler", "--host", self.address, "--no-dashboard")
+
+    def worker(self):
+        words = ("--no-nanny", "--nthreads", "1", "--no-dashboard")
+        return self.start("-m", "distributed.cli.dask_worker", self.address, *words)
+
+    def sweep(self, out, *words, **more):
+        return self.start("-c", SMALL, "sweep", str(self.config), "--out", str(out), *words, **more)
+
+    def sweep_there(self, out, **more):
+        return self.sweep(out, "--scheduler", self.address, **more)
+
+
+QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+HEARD = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+MOST_SECONDS = 240
+
+
+def chunks_there(out):
+    return len(list((out / "study.zarr" / "reason_10_kPa" / "c").glob("[0-9]*")))
+
+
+def wait_for(count, out, process):
+    """Until a study that a process computes has so many chunks."""
+    deadline = time.monotonic() + MOST_SECONDS
+    while chunks_there(out) < count:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
 @pytest.mark.slow
 def test_a_scheduler_with_tls_whose_workers_come_and_go(tmp_path):
-    """dask scheduler and dask worker as processes of their own: one is killed for good, another joins, the client is
-    killed too, and the store equals that of one process."""
-    env = os.environ | certificates(tmp_path / "tls")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    address, started = f"tls://127.0.0.1:{port}", []
-
-    def start(*words, **more):
-        started.append(subprocess.Popen([sys.executable, *words], env=env, stderr=subprocess.DEVNULL, **more))
-        return started[-1]
-
-    def worker():
-        return start("-m", "distributed.cli.dask_worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard")
-
-    config, two = tmp_path / "study.toml", tmp_path / "two"
-    config.write_text(CONFIG.replace("5000", "1000000"))
-    sweep = ["-c", SMALL, "sweep", str(config)]
-
-    def wait_for(count, process):
-        deadline = time.monotonic() + 120
-        while len(list((two / "study.zarr" / "reason_10_kPa" / "c").glob("*"))) < count:
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
-
-    try:
-        start("-m", "distributed.cli.dask_scheduler", "--host", address, "--no-dashboard")
-        first, _ = worker(), worker()
-        client = start(*sweep, "--out", str(two), "--scheduler", address, stdout=subprocess.DEVNULL)
-        wait_for(20, client)
+    """A million designs; one worker is killed for good, another joins, the client is killed, then the scheduler, and
+    the store equals that of one process."""
+    out = tmp_path / "two"
+    with Cluster(tmp_path) as cluster:
+        scheduler = cluster.scheduler()
+        first, second = cluster.worker(), cluster.worker()
+        client = cluster.sweep_there(out)
+        wait_for(20, out, client)
         first.kill()
-        worker()
-        wait_for(60, client)
+        third = cluster.worker()
+        wait_for(60, out, client)
         client.kill()
         client.wait()
-        client = start(*sweep, "--out", str(two), "--scheduler", address, stdout=subprocess.PIPE, text=True)
-        said = client.communicate(timeout=240)[0]
+        client = cluster.sweep_there(out, **HEARD)
+        assert "going on with" in client.stdout.readline() + client.stdout.readline()
+        wait_for(chunks_there(out) + 20, out, client)
+        scheduler.kill()
+        said = client.communicate(timeout=MOST_SECONDS)[1]
+        assert client.returncode == 2, said
+        assert "the scheduler was lost; when it is back, run it again" in said
+        assert len(said.splitlines()) == 1
+        for worker in (second, third):
+            worker.wait(timeout=MOST_SECONDS)  # they leave by themselves
+        cluster.scheduler(), cluster.worker(), cluster.worker()
+        client = cluster.sweep_there(out, **HEARD)
+        said = client.communicate(timeout=MOST_SECONDS)[0]
         assert client.returncode == 0
         assert "going on with" in said
-        assert subprocess.run([sys.executable, *sweep, "--out", str(tmp_path / "one")], env=env).returncode == 0
-        same(tmp_path / "one", two)
-    finally:
-        for process in started:
-            process.kill()
-            process.wait()
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", out)
 
 
+def processes_of(session):
+    """Of a session that was begun by a process, who is alive."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            words = place.read_text().rpartition(")")[2].split()
+            if int(words[3]) == session and words[0] != "Z":
+                found.append(place.parent.name)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks for processes in /proc")
+@pytest.mark.parametrize("how", ["Ctrl-C", "killed"])
+def test_a_study_that_is_stopped_leaves_no_processes(tmp_path, how):
+    """Ctrl-C reaches the command and all of its workers, as in a terminal; SIGKILL the command alone."""
+    out = tmp_path / "two"
+    with Cluster(tmp_path) as cluster:
+        client = cluster.sweep(out, "--workers", "2", start_new_session=True, **HEARD)
+        wait_for(30, out, client)
+        assert len(processes_of(client.pid)) > 2
+        if how == "Ctrl-C":
+            os.killpg(client.pid, signal.SIGINT)
+            assert client.communicate(timeout=60)[1] == "stopped.\n"
+            assert client.returncode == 130
+        else:
+            client.kill()
+            client.wait()
+        deadline = time.monotonic() + 60
+        while processes_of(client.pid):
+            assert time.monotonic() < deadline, "workers outlive the command"
+            time.sleep(0.1)
+        again = cluster.sweep(out, "--workers", "2", **HEARD)
+        assert "going on with" in again.communicate(timeout=MOST_SECONDS)[0]
+        assert again.returncode == 0
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", out)
+
+
+SBATCH = """#!/bin/sh
+cp "$1" "$0.$$"
+setsid sh "$0.$$" >"$0.log" 2>&1 &
+echo "Submitted batch job $$"
+"""
+
+
+@pytest.mark.slow
+def test_the_jobs_of_slurm(tmp_path):
+    """The program of the docs, whose job scripts are run here in place of being queued."""
+    pytest.importorskip("dask_jobqueue", reason="dask-jobqueue is not installed")
+    page = (ROOT / "docs" / "guides" / "cluster.md").read_text()
+    program = page.split("```py\n")[1].split("```")[0].replace("jobs=128", "jobs=2")
+    sbatch = tmp_path / "bin" / "sbatch"
+    sbatch.parent.mkdir()
+    sbatch.write_text(SBATCH)
+    sbatch.chmod(0o755)
+    with Cluster(tmp_path) as cluster:
+        cluster.env["PATH"] = f"{sbatch.parent}:{cluster.env['PATH']}"
+        queue = cluster.start("-c", program, cwd=tmp_path, **HEARD)
+        cluster.address = queue.stdout.readline().strip()
+        assert cluster.address.startswith("tls://")
+        client = cluster.sweep_there(tmp_path / "two", **HEARD)
+        said = client.communicate(timeout=MOST_SECONDS)[1]
+        assert client.returncode == 0, said
+        scripts = list(sbatch.parent.glob("sbatch.[0-9]*"))
+        assert len(scripts) == 2
+        for script in scripts:
+            words = script.read_text()
+            assert "#SBATCH --cpus-per-task=1\n#SBATCH --mem=2G\n#SBATCH -t 04:00:00" in words
+            assert "--tls-ca-file" in words
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", tmp_path / "two")
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A folder that holds a megabyte, and what makes it larger."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", str(place)], capture_output=True)
+    if mounted.returncode:
+        pytest.skip("only who may mount a file system can fill one")
+    yield place, lambda: subprocess.run(["mount", "-o", "remount,size=64m", str(place)], check=True)
+    subprocess.run(["umount", str(place)], check=True)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="makes a small disk by mount")
+@pytest.mark.parametrize("words", [[], ["--workers", "2"]])
+def test_a_disk_that_is_full_is_one_sentence(tmp_path, small_disk, words):
+    """The command is told beforehand that there is room: other programs may take it."""
+    place, enlarge = small_disk
+    with Cluster(tmp_path) as cluster:
+        cluster.config.write_text(CONFIG.replace("5000", "60000"))
+        room = SMALL.replace("from softgrip_jax.cli", NO_LOOK + "    from softgrip_jax.cli", 1)
+        sweep = ["-c", room, "sweep", str(cluster.config), "--out", str(place / "study"), *words]
+        full = cluster.start(*sweep, **HEARD)
+        said = full.communicate(timeout=MOST_SECONDS)[1]
+        assert full.returncode == 2, said
+        assert "no space left on device; when that is mended, run it again" in said
+        assert len(said.splitlines()) == 1
+        enlarge()
+        again = cluster.start(*sweep, **HEARD)
+        assert "going on with" in again.communicate(timeout=MOST_SECONDS)[0]
+        assert again.returncode == 0
+        assert cluster.sweep(tmp_path / "one").wait(timeout=MOST_SECONDS) == 0
+    same(tmp_path / "one", place / "study")
+
+
+NO_LOOK = """from softgrip_jax.commands import sweep
+    sweep.refuse_what_cannot_end = lambda *_: None
+"""
+
+
+# A shell's job in the background begins with Ctrl-C ignored.
 SMALL = """
-from softgrip_jax.study import study
-study.BLOCK = 4096
-from softgrip_jax.cli import main
-main()
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+if __name__ == "__main__":
+    from softgrip_jax.study import cluster, study
+    study.BLOCK = 2048
+    cluster.RANGE_SECONDS = 0.2
+    from softgrip_jax.cli import main
+    main()
 """

@@ -63,6 +63,34 @@ def test_any_rows_of_a_set_are_the_same_whoever_asks(kind):
     assert not np.array_equal(whole, kind([A, T], 64, seed=4).rows(0, 64))
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 10, 97, 4096, 65537])
+def test_every_slice_of_a_latin_hypercube_is_hit_once(count):
+    points = LatinHypercube([A, T, A], count, seed=5).unit(0, count)
+    slices = np.sort(np.floor(points * count), axis=0)
+    np.testing.assert_array_equal(slices, np.arange(count)[:, None] * np.ones(3))
+
+
+def test_a_latin_hypercube_has_no_pattern():
+    """Two variables, a variable and the next design's, and a variable and the number: chi-squared of 256 cells, whose
+    225 degrees of freedom have a standard deviation of 21."""
+    count, cells = 1 << 16, 16
+    points = LatinHypercube([A, T], count, seed=1).unit(0, count)
+    number = np.arange(count) / count
+    for one, two in [(points[:, 0], points[:, 1]), (points[:-1, 0], points[1:, 0]), (number, points[:, 1])]:
+        found = np.histogram2d(one, two, bins=cells, range=[(0, 1), (0, 1)])[0]
+        expected = len(one) / cells**2
+        assert np.sum((found - expected) ** 2) / expected < 225 + 5 * 21
+
+
+def test_a_latin_hypercube_of_any_size_keeps_nothing():
+    huge = LatinHypercube([A, T], 10**12, seed=1)
+    points = huge.unit(10**12 - 1000, 10**12)
+    assert np.all((points >= 0) & (points < 1))
+    np.testing.assert_allclose(points.mean(axis=0), 0.5, atol=0.05)
+    np.testing.assert_allclose(points.std(axis=0), 12**-0.5, atol=0.03)
+    assert sum(np.size(value) for value in vars(huge).values()) < 10
+
+
 def test_sets_fill_their_ranges_evenly():
     slices = np.sort(np.floor(LatinHypercube([A, T], 50, 1).unit(0, 50) * 50), axis=0)
     np.testing.assert_array_equal(slices, np.arange(50)[:, None] * np.ones(2))

@@ -24,6 +24,7 @@ from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
+from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT
@@ -41,6 +42,9 @@ NOISE_ROUNDS, NOISE_CONVERGED = 30, 1e-4
 
 ON_BOUND = 1e-3
 """A parameter this near to a bound (of its range) is held by it."""
+
+A_CALL, AT_ONCE = 10, 400
+"""Fits that a worker does in one call, and that are handed out between two reports."""
 
 SAME_COST = 1e-6
 """Two starts have found equally good fits when their costs differ by less, relatively."""
@@ -191,13 +195,36 @@ class Fit:
         return np.concatenate(x), np.concatenate(y), np.concatenate(half)
 
 
-def run_members(fitting: Fitting, members: Sequence[FitMember], stage: str = "", report: Tell = silent) -> Fitted:
-    """Many fits, stacked, by the one compiled program; `report` is told the stage and how many are done."""
+def run_members(
+    fitting: Fitting,
+    members: Sequence[FitMember],
+    stage: str = "",
+    report: Tell = silent,
+    spread: Spread | None = None,
+) -> Fitted:
+    """Many fits, stacked, by the one compiled program; `report` is told the stage and how many are done. spread: who
+    fits in place of this process, with the same program."""
     ends = []
+    if spread is not None:
+        with spread.on(_fitter, fitting) as calls:
+            for start in range(0, len(members), AT_ONCE):
+                report(stage, start, len(members))
+                part = [jax.tree.map(np.asarray, member) for member in members[start : start + AT_ONCE]]
+                ends += [
+                    end
+                    for found in calls([(part[k : k + A_CALL],) for k in range(0, len(part), A_CALL)])
+                    for end in found
+                ]
+        members = []
     for k, member in enumerate(members):
         report(stage, k, len(members))
         ends.append(jax.block_until_ready(fitting.fit_member_jit(member)))
     return jax.tree.map(lambda *leaves: np.stack([np.asarray(v) for v in leaves]), *ends)
+
+
+def _fitter(fitting: Fitting) -> Callable[[list[FitMember]], list[Fitted]]:
+    """What a worker calls: some of many fits."""
+    return lambda members: [jax.tree.map(np.asarray, fitting.fit_member_jit(member)) for member in members]
 
 
 def calibrate(

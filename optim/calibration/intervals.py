@@ -22,6 +22,7 @@ from scipy.interpolate import PchipInterpolator
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
+from softgrip_jax.spread import Spread
 
 from ..space import to_free
 from .fit import CONFIDENCE, Fit, run_members
@@ -45,7 +46,14 @@ class Intervals:
     notes: tuple[str, ...] = ()
 
 
-def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, report: Tell = silent) -> Intervals:
+def intervals(
+    fit: Fit,
+    method: str,
+    repeats: int = REPEATS,
+    seed: int = 0,
+    report: Tell = silent,
+    spread: Spread | None = None,
+) -> Intervals:
     """The 95 % intervals of fitted parameters.
 
     Args:
@@ -54,6 +62,7 @@ def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, repo
         repeats: fits of the bootstrap.
         seed: of the bootstrap.
         report: told of every stage.
+        spread: who does the fits of the bootstrap in place of this process.
 
     Returns:
         Their ends, in SI.
@@ -77,15 +86,15 @@ def intervals(fit: Fit, method: str, repeats: int = REPEATS, seed: int = 0, repo
     if method == "gauss_newton":
         return Intervals(method, fit.low, fit.high)
     if method == "bootstrap":
-        return bootstrap(fit, repeats, seed, report)
+        return bootstrap(fit, repeats, seed, report, spread)
     if method == "profile":
         return profile(fit, report)
     raise InputError(f"The intervals are {method!r}; they must be one of {', '.join(map(repr, METHODS))}.")
 
 
-def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Intervals:
+def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: Spread | None = None) -> Intervals:
     """Percentiles of fits to resampled points; noises stay as in the fit."""
-    draws = bootstrap_fits(fit, repeats, seed, report)
+    draws = bootstrap_fits(fit, repeats, seed, report, spread)
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
     if len(kept) < MIN_CONVERGED * repeats:
@@ -97,7 +106,9 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> Inter
     return Intervals("bootstrap", low, high, tuple(notes))
 
 
-def bootstrap_fits(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> np.ndarray:
+def bootstrap_fits(
+    fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: Spread | None = None
+) -> np.ndarray:
     """Parameters (SI) of every bootstrap fit, one row each; NaN where one did not converge."""
     fitting, rng = fit.fitting, np.random.default_rng(seed)
     weight = np.asarray(fit.member.weight)
@@ -110,7 +121,7 @@ def bootstrap_fits(fit: Fit, repeats: int, seed: int, report: Tell = silent) -> 
             if own.size:
                 drawn += np.bincount(rng.choice(own, own.size), minlength=len(weight))
         members.append(fit.member._replace(start=start, weight=jnp.asarray(drawn)))
-    ends = run_members(fitting, members, "bootstrap", report)
+    ends = run_members(fitting, members, "bootstrap", report, spread)
     return np.where(ends.converged[:, None], ends.x, np.nan)
 
 

@@ -11,6 +11,7 @@ from scipy import stats
 
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
+from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -56,7 +57,14 @@ class Findings:
     """By Ctrl-C: what was not looked at until then is missing."""
 
 
-def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int, report: Tell = silent) -> Findings:
+def examine(
+    fit: Fit,
+    methods: Sequence[str],
+    repeats: int,
+    seed: int,
+    report: Tell = silent,
+    spread: Spread | None = None,
+) -> Findings:
     """Intervals, held-out errors, specimens and verdicts of a fit.
 
     Ctrl-C ends it with what was found until then, the fit at least; `report` is told of every stage.
@@ -67,7 +75,7 @@ def examine(fit: Fit, methods: Sequence[str], repeats: int, seed: int, report: T
         report("what the data determine")
         directions = unknown_directions(fit)
         for method in methods:
-            found.append(intervals(fit, method, repeats, seed, report))
+            found.append(intervals(fit, method, repeats, seed, report, spread))
         report("every curve and specimen apart")
         without, specimens = held_out(fit), by_specimen(fit)
     except KeyboardInterrupt:

@@ -21,10 +21,12 @@ import numpy as np
 from rich.console import Console
 
 from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
+from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
 from ..records import summary, versions
@@ -37,9 +39,12 @@ from .provenance import material_text, provenance
 from .report import Findings, autocorrelation, examine, is_determined, report
 
 
-def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
-    """Fit as the config says, print what was found, and return the folder that holds it; Ctrl-C as in `run_design`."""
+def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spread | None = None) -> Path:
+    """Fit as the config says, print what was found, and return the folder that holds it; Ctrl-C as in `run_design`.
+    spread: who does the fits of the bootstrap in place of this process."""
     if "tension" in configs.read_sections(config):
+        if spread is not None:
+            raise ConfigError(f"{config}, [tension]: its fits are few and run in one process; leave out --workers.")
         return run_tension(config, out, console)
     read = configs.load(config)
     given = configs.standalone(config)
@@ -48,7 +53,7 @@ def run_calibrate(config: Path, out: Path | None, console: Console) -> Path:
     with new_folder(out, config.stem) as (folder, final):
         with located(f"{config}, [calibrate]"), stages(console) as tell:
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
-            findings = examine(fit, table.intervals, table.repeats, table.seed, tell)
+            findings = examine(fit, table.intervals, table.repeats, table.seed, tell, spread)
         with DeferInterrupt() as writing:
             _write(folder, given, read, findings)
     report(findings, console)

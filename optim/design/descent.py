@@ -167,7 +167,7 @@ class Evaluator:
         )
 
     def _measured(self, t: np.ndarray) -> Any:
-        return self._in_chunks(lambda t: self.problem.compiled(t, self.home), self.chunk, t)
+        return self._in_chunks(partial(self.problem.compiled, home=self.home), self.chunk, t)
 
     def _solve(self, t: np.ndarray) -> Any:
         return self._in_chunks(self.problem.solved, self.chunk, t)
@@ -203,12 +203,16 @@ class Evaluator:
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
         """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""
-        count, parts = len(rows[0]), []
+        count, batches = len(rows[0]), []
         for start in range(0, count, size):
             part = jax.tree.map(lambda v, start=start: v[start : start + size], rows)
-            filled = jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part)
-            parts.append(program(*filled))
+            batches.append(jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part))
+        parts = self._run(program, batches)
         return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
+
+    def _run(self, program: Any, batches: list[Any]) -> list[Any]:
+        """program(*rows) of every batch; `islands` has it done by others."""
+        return [program(*rows) for rows in batches]
 
 
 def _evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
@@ -348,6 +352,7 @@ def search(
     seed: int = 0,
     report: Callable[[int, float, int, int], None] | None = None,
     remark: Callable[[str], None] = lambda sentence: None,
+    evaluator: Callable[[Problem, int], Evaluator] = Evaluator,
 ) -> SearchResult:
     """The best distinct feasible designs of a problem.
 
@@ -366,6 +371,7 @@ def search(
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible members, moving members).
         remark: called with a sentence where the starting design has no answer.
+        evaluator: what solves the designs, from the problem and a size of batches; see `optim.design.islands`.
 
     Raises:
         InputError: for an unknown optimiser, and for a number below 1.
@@ -386,7 +392,7 @@ def search(
         if number < least:
             raise InputError(f"{name} is {number}; it must be {least} or more.")
     space, began = problem.space, time.perf_counter()
-    evaluate = Evaluator(problem, chunk_for(starts, finishes))
+    evaluate = evaluator(problem, chunk_for(starts, finishes))
     reference_t = space.to_unit(space.reference)
     at_reference = evaluate(reference_t)
     start_t = _starts(space.inside(reference_t), starts, seed)

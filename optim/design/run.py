@@ -27,6 +27,7 @@ from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
+from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 
 from .. import rules
@@ -36,6 +37,7 @@ from ..records import agreed, design_row, in_si, next_command, said, summary, un
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
+from .islands import evaluator_on
 
 LINE_EVERY = 10
 """Steps between two lines of progress where there is no terminal."""
@@ -47,8 +49,9 @@ SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
 
 
-def run_design(config: Path, out: Path | None, console: Console) -> Path:
-    """Search as the config says, print what was found, and return the folder that holds it.
+def run_design(config: Path, out: Path | None, console: Console, spread: Spread | None = None) -> Path:
+    """Search as the config says, print what was found, and return the folder that holds it. spread: who solves the
+    designs in place of this process.
 
     Stopped by Ctrl-C it keeps and prints what was found until then, and raises KeyboardInterrupt again.
     """
@@ -57,9 +60,12 @@ def run_design(config: Path, out: Path | None, console: Console) -> Path:
     wanted = settings.read(read)
     wanted.problem.about = given.decode()
     if wanted.is_front:
+        if spread is not None:
+            raise ConfigError(f"{config}, [design]: a front is searched in one process; leave out --workers.")
         return run_front(given, wanted, out, config.stem, console)
     with new_folder(out, config.stem) as (folder, final):
-        result = _search_with_progress(wanted, console)
+        with evaluator_on(spread, wanted.problem) as evaluator:
+            result = _search_with_progress(wanted, console, evaluator)
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with DeferInterrupt() as writing:
@@ -220,7 +226,7 @@ def _sense(problem: Problem) -> tuple[int, str]:
 # --- what people see --------------------------------------------------------------------------------------------------
 
 
-def _search_with_progress(wanted: settings.Settings, console: Console) -> SearchResult:
+def _search_with_progress(wanted: settings.Settings, console: Console, evaluator: Any) -> SearchResult:
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
     goals = wanted.problem.goals
@@ -245,7 +251,7 @@ def _search_with_progress(wanted: settings.Settings, console: Console) -> Search
             if step == 1 or step % LINE_EVERY == 0 or not moving:
                 console.print(f"step {step} of {steps}: {words(best, feasible, moving)}", soft_wrap=True)
 
-        return search(wanted.problem, report=tell, remark=remark, **wanted.arguments)
+        return search(wanted.problem, report=tell, remark=remark, evaluator=evaluator, **wanted.arguments)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console) as progress:
         task = progress.add_task("compiling", total=steps)
@@ -253,7 +259,7 @@ def _search_with_progress(wanted: settings.Settings, console: Console) -> Search
         def show(step: int, best: float, feasible: int, moving: int) -> None:
             progress.update(task, completed=step if moving else steps, description=words(best, feasible, moving))
 
-        return search(wanted.problem, report=show, remark=remark, **wanted.arguments)
+        return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments)
 
 
 def report(result: SearchResult, console: Console) -> None:

@@ -48,6 +48,11 @@ def settings() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} {OLDER_LOOPS}=false".strip()
 
 
+def is_used() -> bool:
+    """Whether this process keeps programs, as commands do: others compile with other options."""
+    return _folder is not None
+
+
 def kept(function: Callable[..., Any], *args: Any) -> Any:
     """function(*args), jitted, without tracing it where an earlier process did, for arguments of the same shapes."""
     return program(function, *args, options=QUICKLY)(*args)

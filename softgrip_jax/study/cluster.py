@@ -8,9 +8,11 @@ scheduler or this process dies the store keeps what was written, and the next ru
 from __future__ import annotations
 
 import asyncio
+import concurrent.futures
 import ipaddress
 import logging
-import os
+import queue
+import signal
 import time
 import uuid
 from collections.abc import Callable, Iterator, Sequence
@@ -28,18 +30,25 @@ QUEUED = 2
 """Ranges that every worker has: one at work and one that waits."""
 REACHED_SECONDS = 10
 """Until a scheduler that does not answer is said to be none."""
+LOOK_SECONDS = 1.0
+"""Between two looks at how many workers there are."""
 PATIENCE = 120.0
 """Seconds without any worker until the run is given up."""
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
-}
-"""Each worker is a process with one thread of XLA on a core of its own."""
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "PJRT_NPROC": "1"}
+"""Each worker is a process with one thread of XLA on a core of its own. The flag xla_cpu_multi_thread_eigen would do so
+too, but its products of matrices differ in their last digits from those of a process that does without it."""
 
 
 @contextmanager
 def client(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Any]:
-    """What computes on workers: on processes of this machine, which end with it, or on those of a scheduler that runs.
+    """What computes a study on workers, see `connected`."""
+    with connected(workers, scheduler, insecure) as found:
+        yield partial(compute_on, found, workers is not None)
+
+
+@contextmanager
+def connected(workers: int | None, scheduler: str | None, insecure: bool = False) -> Iterator[Any]:
+    """A client of Dask: of processes of this machine, which end with it, or of a scheduler that runs.
 
     Certificates for a scheduler (tls://) are those of Dask's own configuration, `distributed.comm.tls`.
 
@@ -55,23 +64,24 @@ def client(workers: int | None, scheduler: str | None, insecure: bool = False) -
         from distributed.security import Security
     except ImportError:
         raise ConfigError("--workers and --scheduler need Dask; pip install softgrip_jax[cluster].") from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [name for name in logging.root.manager.loggerDict if name.partition(".")[0] == "distributed"]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what is wrong is said in one sentence
     if workers is not None:
-        flags = f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD['XLA_FLAGS']}".strip()
         # Only who holds these certificates, which are in the memory of these processes alone, can send work.
-        with (
-            distributed.LocalCluster(
+        with without_ctrl_c():
+            cluster = distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 host="tls://127.0.0.1",
                 dashboard_address=None,
+                # What is left of it without pages, at any port of this machine: another cluster may have the usual one.
+                scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
                 security=Security.temporary(),
-                env=ONE_THREAD | {"XLA_FLAGS": flags},
+                env=ONE_THREAD,
                 silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster) as found,
-        ):
-            yield partial(compute_on, found, True)
+            )
+        with cluster, distributed.Client(cluster) as found:
+            yield found
         return
     try:
         found = distributed.Client(scheduler, security=Security(), timeout=REACHED_SECONDS)
@@ -79,7 +89,24 @@ def client(workers: int | None, scheduler: str | None, insecure: bool = False) -
         words = " ".join(str(error).split()).rstrip(".") or "it does not answer"
         raise ConfigError(f"The scheduler {scheduler} cannot be reached: {words}.") from None
     with found:
-        yield partial(compute_on, found, False)
+        yield found
+
+
+@contextmanager
+def without_ctrl_c() -> Iterator[None]:
+    """The threads that are begun here, and all the processes that they begin, never hear Ctrl-C, which a terminal sends
+    to every process of a command: this one alone ends the others."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it would let the signal through again as it begins
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def refuse_plain(address: str, insecure: bool) -> None:
@@ -103,39 +130,51 @@ def refuse_plain(address: str, insecure: bool) -> None:
 def compute_on(client: Any, pinned: bool, store: Store, todo: Sequence[int], tell: Callable[[int, str], None]) -> None:
     """Have the workers of a client compute blocks and write them; tell(designs, kind of device) after every range."""
     import cloudpickle
-    from distributed import wait
-    from distributed.comm.core import CommClosedError
-    from distributed.scheduler import KilledWorker
 
-    from .worker import StudyPlugin, run_range
+    from .worker import Plugin, run_range
 
     name = f"softgrip-{uuid.uuid4().hex}"
     content = cloudpickle.dumps((store.address, store.study))
-    try:
-        client.register_plugin(StudyPlugin(name, content, pinned))
-        ranges = _Ranges(todo)
+    with lost_is_one_sentence("The study was not finished", AGAIN):
+        client.register_plugin(Plugin(name, content, pinned))
+        ranges, done = _Ranges(todo), queue.SimpleQueue()
         pending: dict[Any, list[int]] = {}
-        seen = time.monotonic()
+        seen, looked, threads = time.monotonic(), -LOOK_SECONDS, 0
         while len(ranges) or pending:
-            threads = sum(client.nthreads().values())
-            if not threads and time.monotonic() - seen > PATIENCE:
-                raise ConfigError(f"The scheduler has had no workers for {PATIENCE:.0f} s; {AGAIN} when it has some.")
+            if time.monotonic() - looked > LOOK_SECONDS:  # workers may have joined or left
+                threads, looked = sum(client.nthreads().values()), time.monotonic()
+                if threads:
+                    seen = looked
+                elif looked - seen > PATIENCE:
+                    raise ConfigError(
+                        f"The scheduler has had no workers for {PATIENCE:.0f} s; {AGAIN} when it has some."
+                    )
             while len(ranges) and len(pending) < QUEUED * max(threads, 1):
                 blocks = ranges.next()
-                pending[client.submit(run_range, name, blocks, pure=False)] = blocks
-            with suppress(TimeoutError):
-                # Looked at again now and then: workers may have joined.
-                wait(list(pending), timeout=1.0, return_when="FIRST_COMPLETED")
-            for future in [future for future in pending if future.done()]:
-                seen, blocks = time.monotonic(), pending.pop(future)
+                future = client.submit(run_range, name, blocks, pure=False)
+                pending[future] = blocks
+                future.add_done_callback(done.put)
+            with suppress(queue.Empty):
+                future = done.get(timeout=LOOK_SECONDS)
+                blocks = pending.pop(future)
                 count, seconds, kind = future.result()
                 ranges.learn(len(blocks), seconds)
                 tell(count, kind)
         client.unregister_worker_plugin(name)
+
+
+@contextmanager
+def lost_is_one_sentence(what: str, again: str) -> Iterator[None]:
+    """A ConfigError, which begins with what happened and says what to do, where workers or their scheduler are lost."""
+    from distributed.comm.core import CommClosedError
+    from distributed.scheduler import KilledWorker
+
+    try:
+        yield
     except KilledWorker:
-        raise ConfigError(f"The study was not finished: the same designs ended several workers; {AGAIN}.") from None
-    except (asyncio.CancelledError, CommClosedError, TimeoutError):
-        raise ConfigError(f"The study was not finished: the scheduler was lost; when it is back, {AGAIN}.") from None
+        raise ConfigError(f"{what}: the same work ended several workers; {again}.") from None
+    except (asyncio.CancelledError, concurrent.futures.CancelledError, CommClosedError, TimeoutError):
+        raise ConfigError(f"{what}: the scheduler was lost; when it is back, {again}.") from None
 
 
 class _Ranges:

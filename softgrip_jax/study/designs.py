@@ -113,7 +113,9 @@ class Samples(Designs):
 
     def rows(self, start, stop):
         low, high = np.array([(r.low, r.high) for r in self.ranges]).T
-        return between(self.unit(start, stop), low, high, np.array([r.scale == "log" for r in self.ranges]))
+        is_log = np.array([r.scale == "log" for r in self.ranges])
+        # The same numbers, without an exponential of each where none is asked for.
+        return between(self.unit(start, stop), low, high, is_log if is_log.any() else False)
 
     @abc.abstractmethod
     def unit(self, start: int, stop: int) -> np.ndarray:
@@ -192,17 +194,21 @@ class Sobol(Samples):
 class LatinHypercube(Samples):
     """Each variable is cut into as many slices as there are samples, and each slice is hit once.
 
-    The permutations of all slices are made at once and kept: 8 bytes per number.
+    Any part of it costs what its own points cost. Which slice a design has is a permutation that is computed for the
+    design alone: a Feistel network on the pairs of digits (l, r) of its number in mixed base, l < a and r < b with
+    a b >= count, whose ROUNDS rounds add a hash of one digit to the other. Where that leads beyond the last slice it is
+    applied again, until it does not (cycle walking), which keeps it a permutation.
 
     Args:
         ranges: a `Range` per varied number.
         count: number of designs, 1 or more.
-        seed: of the permutations.
+        seed: of the permutations, and of the places within the slices.
 
     Raises:
         InputError: where count is less than 1.
 
-    Source: McKay, Beckman and Conover 1979, by `scipy.stats.qmc`.
+    Source: McKay, Beckman and Conover 1979; Black and Rogaway 2002 for permutations of any size; the hash is SplitMix64
+        (Steele, Lea and Flood 2014).
 
     Examples:
         >>> points = sg.study.LatinHypercube([sg.study.Range(0.0, 4.0)], 4).rows(0, 4)
@@ -210,12 +216,41 @@ class LatinHypercube(Samples):
         [0, 1, 2, 3]
     """
 
-    _points: np.ndarray | None = None
+    ROUNDS = 6
 
     def unit(self, start, stop):
-        if self._points is None:
-            self._points = qmc.LatinHypercube(self.columns, rng=self.seed).random(self.count)
-        return self._points[start:stop]
+        number = np.arange(start, stop, dtype=np.uint64)
+        keys = np.random.SeedSequence(self.seed).generate_state(self.columns * (self.ROUNDS + 1), np.uint64)
+        points = np.empty((stop - start, self.columns))
+        for k, (*rounds, inside) in enumerate(keys.reshape(self.columns, -1)):
+            places = self._slices(number, rounds)
+            within = (_hashed(number, inside) >> np.uint64(9)) * 2.0**-53
+            points[:, k] = (places + within) / self.count
+        return points
+
+    def _slices(self, number: np.ndarray, keys: Sequence[np.uint64]) -> np.ndarray:
+        """The slices of designs, one per design."""
+        a = np.uint64(math.isqrt(self.count - 1) + 1)
+        b = np.uint64(-(-self.count // int(a)))
+        left, right = number % a, number // a
+        for k, key in enumerate(keys):
+            if k % 2:
+                right = (right + _hashed(left, key)) % b
+            else:
+                left = (left + _hashed(right, key)) % a
+        found = left + a * right
+        beyond = found >= self.count
+        if beyond.any():
+            found[beyond] = self._slices(found[beyond], keys)
+        return found
+
+
+def _hashed(number: np.ndarray, key: np.uint64) -> np.ndarray:
+    """SplitMix64: 62 bits that look like nothing of the numbers."""
+    mixed = (number + key) * np.uint64(0x9E3779B97F4A7C15)
+    mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return (mixed ^ (mixed >> np.uint64(31))) >> np.uint64(2)
 
 
 class Table(Designs):

@@ -150,7 +150,7 @@ def run_in(
             if differing and not (previous["finished"] and differing == ["device"]):
                 raise ConfigError(f"{place} holds another study (different: {', '.join(differing)}); give a new name.")
         store = Store(address, study)
-        lost, todo, skipped = store.missing()
+        lost, todo, skipped = store.missing() if previous is not None else ([], range(len(study.blocks)), 0)
         if lost:
             others = f" and {len(lost) - 1} more" if lost[1:] else ""
             there = len(study.blocks) - len(todo) + len(lost)

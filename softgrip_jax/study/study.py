@@ -23,14 +23,17 @@ from .blocks import Blocks
 from .dataset import labelled
 from .designs import Designs
 
-BLOCK = 1 << 16
-"""Designs per block, which is computed by one call and stored in one chunk per variable, of scenes with one unknown."""
+BLOCK = 1 << 17
+"""Designs per block, which is computed by one call and stored in one chunk per variable, of scenes with one unknown: to
+write a chunk costs a millisecond whatever its size."""
 SLOW_BLOCK = 1 << 13
 """... and of others, whose designs take tens of microseconds and more: a study that is killed loses a block."""
 
 BATCH = {"cpu": 1024}
 """Designs that are solved together within a call: on a CPU as many as its second cache holds. Free fingers, shells and
 held fingers are within a tenth of their best between 512 and 4096."""
+DEVICE_BATCH = 1 << 16
+"""... and on other devices."""
 LEAST_BATCH = 128
 """For studies of less than a batch."""
 
@@ -74,7 +77,7 @@ class Study:
         self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
-        self.batch = min(BATCH.get(jax.default_backend(), BLOCK), _power_of_two(max(designs.count, LEAST_BATCH)))
+        self.batch = min(BATCH.get(jax.default_backend(), DEVICE_BATCH), _power_of_two(max(designs.count, LEAST_BATCH)))
         """Designs that are solved together; small studies do not pay for a full batch."""
         self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
 
