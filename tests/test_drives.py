@@ -1,0 +1,153 @@
+"""Both laws of what pushes a finger, side by side: in `softgrip solve`, in the report of a search, and as a search's
+constraints."""
+
+import json
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from helpers import shell
+from typer.testing import CliRunner
+
+import softgrip_jax as sg
+from optim.design import settings
+from optim.drives import SUFFIX, by_both_drives, by_other_drive
+from optim.problem import Goal, Limits, Problem, Quantity
+from optim.space import Space, Variable
+from softgrip_jax import config as configs
+from softgrip_jax.cli import app
+from softgrip_jax.errors import InputError
+from softgrip_jax.pneunet.drives import remarks, with_other_drive
+from softgrip_jax.units import kPa, mm
+
+CONFIG = """
+[scene]
+type = "pneunet.TipContact"
+points = 6
+[scene.finger]
+preset = "table_5_1_A"
+[solve]
+pressure_kPa = 15
+[design]
+{drive}
+[[design.variables]]
+name = "finger.H_mm"
+low = 4
+high = 6
+[[design.goals]]
+maximise = "tip_force_N"
+at = {{ pressure_kPa = 15 }}
+[[design.constraints]]
+keep = "tip_angle_deg"
+at = {{ pressure_kPa = 15 }}
+high = 90
+"""
+
+
+def held(**changes):
+    return sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), **({"points": 6} | changes))
+
+
+def test_the_other_drive_changes_nothing_else():
+    scene = held(tip_offset=3 * mm, section="inextensible")
+    other = with_other_drive(scene)
+    assert other.drive == "cell"
+    assert (other.points, other.section) == (6, "inextensible")
+    assert float(other.tip_offset) == float(scene.tip_offset)
+    assert with_other_drive(other).drive == "thesis"
+    by_shooting = with_other_drive(held(points=sg.pneunet.TipContact.__dataclass_fields__["points"].default,
+                                        beam=sg.pneunet.Shooting()))  # fmt: skip
+    assert by_shooting.method() == sg.pneunet.Collocation()
+
+
+def test_what_has_no_such_choice():
+    assert with_other_drive(sg.shell.Free(shell())) is None
+    assert with_other_drive(sg.pneunet.Linear(sg.PneuNet.table_5_1("A"))) is None
+
+
+def test_dimensions_outside_of_the_fit_are_named():
+    assert len(remarks(held())) == 1
+    thick = sg.pneunet.TipContact(sg.PneuNet(**(sizes() | {"t_m": 0.4 * mm}), material=sg.NeoHookean(mu=136 * kPa)))
+    assert "t_m = 0.4 mm (checked" in remarks(thick)[1]
+
+
+def sizes():
+    finger = sg.PneuNet.table_5_1("A")
+    return {name: getattr(finger, name) for name in ("a", "b", "t_m", "h_x", "h_L", "H", "B", "L")}
+
+
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "finger.toml"
+    path.write_text(CONFIG.format(drive=""))
+    return path
+
+
+@pytest.fixture(scope="module")
+def forces():
+    """Tip forces (N) of the finger at 15 kPa by both drives."""
+    return {drive: float(sg.solve(held(drive=drive), 15 * kPa).tip_force) for drive in ("thesis", "cell")}
+
+
+def test_solve_prints_both_numbers(config, forces):
+    printed = CliRunner().invoke(app, ["solve", str(config)]).output
+    row = next(line for line in printed.split("by both drives")[1].splitlines() if "tip force" in line)
+    numbers = [float(word) for word in row.replace("│", " ").split() if word[0].isdigit()]
+    np.testing.assert_allclose(numbers, [forces["thesis"], forces["cell"]], rtol=1e-4)
+    assert "Nobody knows yet why they differ" in printed
+
+
+def test_json_has_both(config, forces):
+    data = json.loads(CliRunner().invoke(app, ["solve", str(config), "--json"]).stdout)
+    assert data["other_drive"]["drive"] == "cell"
+    assert data["other_drive"]["observables"]["tip_force"] == pytest.approx(forces["cell"], rel=1e-9)
+    assert data["observables"]["tip_force"] == pytest.approx(forces["thesis"], rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    space = Space({"held": held()}, [Variable("finger.H", 4 * mm, 6 * mm)])
+    force = Quantity("tip_force", 15 * kPa, "held")
+    return Problem(space, [Goal("maximise", force)], [Limits(Quantity("pressure", 15 * kPa, "held"), high=20 * kPa)])
+
+
+def test_designs_are_reported_by_the_other_drive(problem):
+    beside = by_other_drive(problem, [np.array([5 * mm]), np.array([4.5 * mm])])
+    assert [label for label, _ in beside.rows(problem)] == [
+        "tip_force at 15 kPa, drive cell",
+        "pressure at 15 kPa, drive cell",
+    ]
+    for H, row in zip((5 * mm, 4.5 * mm), beside.values, strict=True):
+        finger = sg.PneuNet(**(sizes() | {"H": jnp.asarray(H)}), material=sg.NeoHookean(mu=136 * kPa))
+        expected = sg.solve(sg.pneunet.TipContact(finger, points=6, drive="cell"), 15 * kPa).tip_force
+        np.testing.assert_allclose(row[0], expected, rtol=1e-9)
+    assert beside.reasons == [[], []]
+
+
+def test_both_drives_double_the_scenes_and_the_constraints(problem):
+    space, limits, reported = by_both_drives(problem.space, problem.goals, problem.limits)
+    assert [scene.drive for scene in space.scenes.values()] == ["thesis", "cell"]
+    assert [c.quantity.scene for c in limits] == ["held", "held" + SUFFIX]
+    assert [q.scene for q in reported] == ["held" + SUFFIX]
+    moved = space.scenes_at(jnp.array([4.2 * mm]))
+    assert [float(scene.finger.H) for scene in moved.values()] == pytest.approx([4.2 * mm] * 2)
+
+
+def test_both_drives_in_a_config(config, forces):
+    config.write_text(CONFIG.format(drive='drive = "both"'))
+    problem = settings.read(configs.load(config)).problem
+    assert len(problem.limits) == 2
+    assert "by both drives" in " ".join(problem.different_laws)
+    assert by_other_drive(problem, [problem.space.reference]) is None
+    # The state that is asked of the twin is the cell law's, and belongs to what every design must have.
+    at = problem.solve(jnp.asarray(problem.space.to_unit(problem.space.reference)))
+    values = dict(zip([problem.label(q) for q in problem.quantities], at.values, strict=False))
+    name = next(label for label in values if label.endswith("tip_force at 15 kPa") and SUFFIX in label)
+    np.testing.assert_allclose(values[name], forces["cell"], rtol=1e-9)
+    assert float(at.shortfall) == 0
+
+
+def test_shells_have_no_two_drives():
+    space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    with pytest.raises(InputError, match='drive is "both", but no scene is a finger'):
+        by_both_drives(space, [Goal("maximise", Quantity("inflation", 15 * kPa, "free"))], [])
