@@ -47,9 +47,8 @@ class Spread:
                 futures = [self.client.submit(_call, name, pickle.dumps(given), pure=False) for given in calls]
                 try:
                     return self.client.gather(futures)
-                except BaseException:
-                    self.client.cancel(futures)
-                    raise
+                finally:  # after Ctrl-C or a fault nobody waits for the rest
+                    self.client.cancel([future for future in futures if not future.done()])
 
         try:
             yield run

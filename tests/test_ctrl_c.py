@@ -26,7 +26,7 @@ SECONDS = 120
 COMMANDS = {
     "solve": (["configs/shell_cylinder.toml"], "call"),
     "path": (["configs/shell_cylinder.toml", "--to-kPa", "12", "--csv", "OUT.csv", "--plot", "OUT.png"], "_path"),
-    "design": (["SEARCH", "--out", "OUT"], "measure_with_slopes"),
+    "design": (["SEARCH", "--out", "OUT"], "call"),
     "sensitivity": (["configs/shell_free.toml", "--out", "OUT"], "measure"),
 }
 

@@ -157,7 +157,7 @@ class Evaluator:
         found = self._solve(t) if self.is_near else self._measured(t)[0]
         if not found.solutions:  # a problem of formulas
             return {}
-        rows = [jax.tree.map(lambda v, k=k: v[k], found.solutions) for k in range(len(t))]
+        rows = [jax.tree.map(lambda v, k=k: jnp.asarray(v[k]), found.solutions) for k in range(len(t))]
         return {state: [row[j] for row in rows] for j, state in enumerate(self.problem.solved_states)}
 
     def _with_shortfalls(self, t: np.ndarray) -> Evaluated:

@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from ..membrane import angle_over_sine, first_contact_angle, tensions
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
+from ..pneunet.linear import Linear
 from ..pneunet.wall.arc import Chamber
 from ..pneunet.wall.small_strain import SmallStrainChamber
 
@@ -149,7 +150,7 @@ def outline(walls: Walls, k: int, a: float, inclination: float) -> np.ndarray:
     return points
 
 
-def small_strain_outline(scene: SmallStrainChamber, inflation: float, inclination: float) -> np.ndarray:
+def small_strain_outline(scene: SmallStrainChamber | Linear, inflation: float, inclination: float) -> np.ndarray:
     """A wall of the small-strain model: an arc as high as its inflation (m), cut off by the plane."""
     a, near = float(scene.finger.a), float(scene.finger.h_x)
     points = free_outline(a, near, inclination, 2 * float(np.arctan(inflation / a)))

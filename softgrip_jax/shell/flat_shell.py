@@ -132,6 +132,7 @@ class ShellScene(CurveEquations, Scene):
 
     @jax.jit
     def load(self, angle):
+        """The pressure that holds the membrane at this angle, Pa, thesis (2.4)."""
         shell = self.shell
         return equilibrium_pressure(shell.material, shell.t_m, *self.stretches(angle), *self.curvatures(angle))
 
