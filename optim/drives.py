@@ -59,7 +59,7 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
     """The quantities of a problem's fingers by their other drive, at SI values of designs; None where there are none,
     and where the problem has both drives already."""
     scenes = problem.space.scenes
-    if any(name.endswith(SUFFIX) for name in scenes):
+    if any(_is_twin(scenes, name) for name in scenes):
         return None
     others = {name: other for name, scene in scenes.items() if (other := with_other_drive(scene)) is not None}
     asked = [
@@ -96,6 +96,12 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
     return Beside(asked_set.quantities, asked_set.kinds, drives, found.values, reasons, list(said))
 
 
+def _is_twin(scenes: dict[str, Any], name: str) -> bool:
+    """Whether a scene is one that `by_both_drives` has added."""
+    other = with_other_drive(scenes.get(name.removesuffix(SUFFIX)))
+    return name.endswith(SUFFIX) and other is not None and getattr(scenes[name], "drive", None) == other.drive
+
+
 def by_both_drives(
     space: Space, goals: Sequence[Goal], limits: Sequence[Limits]
 ) -> tuple[Space, list[Limits], list[Quantity]]:
@@ -106,6 +112,11 @@ def by_both_drives(
         InputError: where no scene has the choice.
     """
     others = {name: other for name, scene in space.scenes.items() if (other := with_other_drive(scene)) is not None}
+    taken = [name + SUFFIX for name in others if name + SUFFIX in space.scenes]
+    if taken:
+        raise InputError(
+            f'drive is "both", which adds a scene {taken[0]!r}; there is one already: give it another name.'
+        )
     if not others:
         kinds = ", ".join(sorted({type(scene).__name__ for scene in space.scenes.values()}))
         raise InputError(f'drive is "both", but no scene is a finger pushed by "thesis" or "cell": there is {kinds}.')

@@ -151,3 +151,13 @@ def test_shells_have_no_two_drives():
     space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
     with pytest.raises(InputError, match='drive is "both", but no scene is a finger'):
         by_both_drives(space, [Goal("maximise", Quantity("inflation", 15 * kPa, "free"))], [])
+
+
+def test_a_scene_of_ones_own_is_not_replaced_by_a_twin():
+    """Its name may end as those of twins do: it is compared like any other, and no twin takes its place."""
+    force = Quantity("tip_force", 15 * kPa, "held" + SUFFIX)
+    scenes = {"held": held(), "held" + SUFFIX: held(tip_offset=2 * mm)}
+    space = Space(scenes, [Variable("finger.H", 4 * mm, 6 * mm)])
+    with pytest.raises(InputError, match="drive is \"both\" and adds a scene 'held_other'; there is one already"):
+        by_both_drives(space, [Goal("maximise", force)], [])
+    assert by_other_drive(Problem(space, [Goal("maximise", force)]), [np.array([5 * mm])]).drives == ["cell"]

@@ -280,7 +280,8 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row(
             "distance from the curve (rms)", *(in_units(_distance(problem, followed, d), "length") for d in shown)
         )
-    beside = by_other_drive(problem, [design.x for design in shown])
+    # Nobody who stops a search waits for one more program to be compiled.
+    beside = None if result.stopped else by_other_drive(problem, [design.x for design in shown])
     for name, values in beside.rows(problem) if beside else []:
         table.add_row(name, *values)
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
