@@ -114,9 +114,7 @@ def by_both_drives(
     others = {name: other for name, scene in space.scenes.items() if (other := with_other_drive(scene)) is not None}
     taken = [name + SUFFIX for name in others if name + SUFFIX in space.scenes]
     if taken:
-        raise InputError(
-            f'drive is "both", which adds a scene {taken[0]!r}; there is one already: give it another name.'
-        )
+        raise InputError(f'drive is "both" and adds a scene {taken[0]!r}; there is one already: give it another name.')
     if not others:
         kinds = ", ".join(sorted({type(scene).__name__ for scene in space.scenes.values()}))
         raise InputError(f'drive is "both", but no scene is a finger pushed by "thesis" or "cell": there is {kinds}.')
