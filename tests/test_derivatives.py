@@ -40,23 +40,21 @@ def check(n, f):
         value, pull = jax.vjp(f, x)
         return value, jax.vmap(lambda cotangent: pull(cotangent)[0])(jnp.eye(value.size))
 
-    # One program gives all: tangents of the value are forward derivatives, tangents of the gradient second ones.
+    # One program gives all, in one batch: tangents of the value are forward derivatives, tangents of the gradient
+    # second ones; the other lanes are the stencil of the differences.
     everything = jax.jit(jax.vmap(lambda x, v: jax.jvp(value_and_reverse, (x,), (v,))))
-    (value, reverse), (forward, second) = everything(jnp.zeros((n, n)), jnp.eye(n))
-    value, reverse, forward, second = (
-        value[0],
-        np.asarray(reverse[0]),
-        np.asarray(forward).T,
-        np.moveaxis(second, 0, -1),
-    )
+    points = jnp.concatenate([jnp.zeros((n, n)), stencil(n, STEP)])
+    directions = jnp.concatenate([jnp.eye(n), jnp.zeros((n * STENCIL.size, n))])
+    (values, reverses), (forward, second) = everything(points, directions)
+    value, reverse = values[0], np.asarray(reverses[0])
+    forward, second = np.asarray(forward[:n]).T, np.moveaxis(np.asarray(second[:n]), 0, -1)
     np.testing.assert_allclose(value, 1, rtol=1e-9)
 
     size = np.maximum(1, np.abs(reverse))
     assert np.max(np.abs(forward - reverse) / size) < 1e-12
-    shifted = everything(stencil(n, STEP), jnp.zeros((n * STENCIL.size, n)))[0]
-    assert np.max(np.abs(differences(shifted[0], n, STEP) - reverse) / size) < 1e-8
+    assert np.max(np.abs(differences(values[n:], n, STEP) - reverse) / size) < 1e-8
 
-    numeric = differences(shifted[1], n, STEP)
+    numeric = differences(reverses[n:], n, STEP)
     size = np.maximum(1, np.max(np.abs(numeric), axis=(1, 2), keepdims=True))
     assert np.max(np.abs(numeric - second) / size) < 1e-6
     assert np.max(np.abs(second - np.swapaxes(second, 1, 2)) / size) < 1e-9

@@ -71,6 +71,8 @@ def with_derivatives_of(function: Callable[[Any], Any], value: Any, args: Any) -
 
     @same.defjvp
     def rule(primals, tangents):
-        return jax.jvp(function, (primals[1],), (tangents[1],))
+        # The value again, not that of `function`: under vmap JAX takes for granted that the values of a rule have their
+        # batch along the same axis as those of what it is the rule of (0.10.1).
+        return same(*primals), jax.jvp(function, (primals[1],), (tangents[1],))[1]
 
     return same(lax.stop_gradient(value), args)

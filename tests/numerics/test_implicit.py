@@ -165,3 +165,18 @@ def test_a_known_value_with_the_derivatives_of_its_function():
         ours = jax.jit(derivative(lambda args: with_derivatives_of(function, function(args), args)))(args)
         jax.tree.map(np.testing.assert_allclose, ours, derivative(function)(args))
     assert jax.grad(lambda value: with_derivatives_of(function, value, args))(known) == 0
+
+
+def test_a_known_value_is_differentiated_in_batches_whatever_axis_they_have():
+    matrix = jnp.asarray([[1.0, 2.0, 0.5], [-1.0, 0.3, 4.0]])
+
+    def function(x):
+        return matrix @ jnp.sin(x)  # under vmap JAX puts the batch last
+
+    def known(x):
+        return jnp.sin(x) @ matrix.T  # and here first
+
+    batched = jax.vmap(jax.jit(lambda x: jnp.where(x[0] > 0, with_derivatives_of(function, known(x), x), 0.0)))
+    x = jnp.linspace(0.1, 1.2, 12).reshape(4, 3)
+    slopes = jax.jvp(batched, (x,), (jnp.ones_like(x),))[1]
+    np.testing.assert_allclose(slopes, np.cos(x) @ matrix.T, rtol=1e-13)
