@@ -2,7 +2,9 @@
 constraints."""
 
 import json
+from types import SimpleNamespace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,12 +12,13 @@ from helpers import shell
 from typer.testing import CliRunner
 
 import softgrip_jax as sg
+from optim.calibration.drives import Rival
 from optim.design import settings
 from optim.drives import SUFFIX, by_both_drives, by_other_drive
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
-from softgrip_jax.cli import app
+from softgrip_jax.cli import app, run
 from softgrip_jax.errors import InputError
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
 from softgrip_jax.units import kPa, mm
@@ -161,3 +164,71 @@ def test_a_scene_of_ones_own_is_not_replaced_by_a_twin():
     with pytest.raises(InputError, match="drive is \"both\" and adds a scene 'held_other'; there is one already"):
         by_both_drives(space, [Goal("maximise", force)], [])
     assert by_other_drive(Problem(space, [Goal("maximise", force)]), [np.array([5 * mm])]).drives == ["cell"]
+
+
+@pytest.mark.slow
+def test_curves_name_the_drive_that_explains_them(tmp_path, capsys):
+    scene = sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=(0.0, 0.0), inclination="none", points=4, drive="cell")
+    pressures = jnp.array([6.0, 12.0, 18.0]) * kPa
+    angles = np.asarray(jax.vmap(lambda p: sg.solve(scene, p).tip_angle)(pressures))
+    rows = "\n".join(f"{p / kPa},{angle}" for p, angle in zip(pressures, angles, strict=True))
+    (tmp_path / "angles.csv").write_text(f"p,angle\n{rows}\n")
+    (tmp_path / "fit.toml").write_text(CALIBRATE)
+    assert run(["calibrate", str(tmp_path / "fit.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert "The drive 'cell' explains the curves better than 'thesis'" in capsys.readouterr().out
+    result = json.loads((tmp_path / "out" / "result.json").read_text())["other_drive"]
+    assert result["drives"] == ["thesis", "cell"]
+    assert result["better"] == "cell"
+    assert result["parameters"]["finger.material.mu"] == pytest.approx(136 * kPa, rel=1e-6)
+    assert result["rmse"]["free"] < 1e-6
+    fitted = configs.load(tmp_path / "out" / "calibrated_cell.toml").scenes["scene"]
+    assert fitted.drive == "cell"
+    assert float(fitted.finger.material.mu) == pytest.approx(136 * kPa, rel=1e-6)
+
+
+def test_curves_without_a_state_speak_against_a_drive():
+    def rival(*likelihoods):
+        return Rival((None, None), ("thesis", "cell"), likelihoods)
+
+    assert rival(0.0, -np.inf).better == "thesis"
+    assert rival(-np.inf, 0.0).better == "cell"
+    assert rival(-np.inf, -np.inf).better is None
+    assert rival(1.0, 1.5).better is None
+
+
+def test_the_better_drive_is_said_in_words():
+    space = SimpleNamespace(names=["finger.t_m"])
+    fits = [
+        SimpleNamespace(on_bound=np.array([bound]), fitting=SimpleNamespace(space=space)) for bound in (True, False)
+    ]
+    said = Rival((fits[0], fits[1]), ("thesis", "cell"), (-20.0, -5.0)).sentence()
+    assert said == (
+        "The drive 'cell' explains the curves better than 'thesis': the logarithm of the likelihood is 15 larger "
+        "(by 'thesis' finger.t_m ends on a bound)."
+    )
+    assert "some points have no state" in Rival((fits[1], fits[1]), ("thesis", "cell"), (-np.inf, -5.0)).sentence()
+    assert "do not tell" in Rival((fits[1], fits[1]), ("thesis", "cell"), (-4.0, -5.0)).sentence()
+
+
+CALIBRATE = """
+[scene]
+type = "pneunet.Free"
+weight_N_per_m = [0, 0]
+inclination = "none"
+points = 4
+[scene.finger]
+preset = "table_5_1_A"
+material = { type = "NeoHookean", mu_kPa = 120 }
+[calibrate]
+starts = 1
+[[calibrate.parameters]]
+name = "finger.material.mu_kPa"
+low = 20
+high = 1000
+scale = "log"
+[[calibrate.curves]]
+name = "free"
+file = "angles.csv"
+pressure = { column = "p", unit = "kPa" }
+measured = { quantity = "tip_angle", column = "angle", unit = "rad" }
+"""

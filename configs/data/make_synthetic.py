@@ -28,6 +28,23 @@ def shell(mu: float) -> sg.FlatShell:
     return sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=mu * kPa))
 
 
+def drive_of_a_finger(finger: sg.PneuNet, rng: np.random.Generator) -> None:
+    """Three measurements of one finger that is pushed as the cell law says."""
+    strain = np.linspace(0.05, 0.6, 12)
+    stress = 136.0 * (1 + strain - (1 + strain) ** -2) + rng.normal(0, 1.0, strain.size)
+    said = "uniaxial tension of a neo-Hookean strip, mu = 136 kPa, noise 1 kPa; engineering values"
+    write("synthetic_drive_strip.csv", said, "strain_percent,stress_kPa", (100 * strain, stress))
+    pressure = np.linspace(5, 25, 9)
+    free = sg.pneunet.Free(finger, weight=None, drive="cell")
+    angle = np.asarray(sg.path(free, pressure * kPa).tip_angle) / degree + rng.normal(0, 1.0, pressure.size)
+    said = "tip angle of a finger of type A on its side, by the cell law, mu = 136 kPa, t_m = 1.1 mm, noise 1 degree"
+    write("synthetic_drive_free.csv", said, "pressure_kPa,angle_deg", (pressure, angle))
+    held = sg.pneunet.TipContact(finger, weight=None, drive="cell")
+    force = np.asarray(sg.path(held, pressure * kPa).tip_force) + rng.normal(0, 0.005, pressure.size)
+    said = "tip force of the same finger, its tip held at the height of the clamp, by the cell law, noise 0.005 N"
+    write("synthetic_drive_held.csv", said, "pressure_kPa,force_N", (pressure, force))
+
+
 def main() -> None:
     """All files, always the same."""
     rng = np.random.default_rng(20)
@@ -49,6 +66,7 @@ def main() -> None:
     said = "tip angle of a finger of type A without weight, mu = 136 kPa, H = 5 mm, noise 0.5 degree"
     noisy = angle + rng.normal(0, 0.5, angle.size)
     write("synthetic_finger.csv", said, "pressure_kPa,angle_deg", (pressure, noisy))
+    drive_of_a_finger(finger, np.random.default_rng(21))
     strain = np.linspace(0.02, 3.0, 60)
     stretch = 1 + strain
     rise = 2 * (60.0 + 2 * 4.0 * (stretch**2 + 2 / stretch - 3) + 3 * 0.05 * (stretch**2 + 2 / stretch - 3) ** 2)

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 from scipy import stats
 
+from softgrip_jax.pneunet.drives import SENTENCE
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 from softgrip_jax.spread import Spread
@@ -17,6 +18,7 @@ from softgrip_jax.units import DISPLAY
 
 from .cross_validation import Specimens, by_specimen, held_out
 from .data import Curve
+from .drives import Rival, by_other_drive
 from .fit import Fit, implausible
 from .identifiability import Direction, unknown_directions
 from .intervals import Intervals, intervals
@@ -55,6 +57,8 @@ class Findings:
     """In sentences: what was left out, what looks odd, how far to trust it."""
     stopped: bool = False
     """By Ctrl-C: what was not looked at until then is missing."""
+    rival: Rival | None = None
+    """The same curves by the other drive of their finger."""
 
 
 def examine(
@@ -92,6 +96,19 @@ def examine(
     return Findings(fit, tuple(found), without, specimens, tuple(directions), tuple(dict.fromkeys(remarks)))
 
 
+def with_rival(findings: Findings, starts: int, seed: int, tell: Tell = silent) -> Findings:
+    """With the fit by the other drive, where the curves are those of a finger; Ctrl-C leaves it out."""
+    try:
+        rival = by_other_drive(findings.fit, starts, seed, tell)
+    except KeyboardInterrupt:
+        return dataclasses.replace(findings, remarks=(*findings.remarks, STOPPED), stopped=True)
+    if rival is None:
+        return findings
+    said = (rival,) if isinstance(rival, str) else (rival.sentence(), SENTENCE)
+    found = None if isinstance(rival, str) else rival
+    return dataclasses.replace(findings, rival=found, remarks=(*findings.remarks, *said))
+
+
 def report(findings: Findings, console: Console) -> None:
     """Print it."""
     fit = findings.fit
@@ -105,6 +122,8 @@ def report(findings: Findings, console: Console) -> None:
             for j in range(i)
         ]
         console.print(f"Correlations: {', '.join(pairs)}.", soft_wrap=True)
+    if findings.rival is not None:
+        console.print(findings.rival.table())
     for remark in findings.remarks:
         console.print(remark, soft_wrap=True, highlight=False)
 

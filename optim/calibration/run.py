@@ -2,7 +2,7 @@
 
 The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
 [material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
-result.json, fit.png. It appears complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it
+result.json, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive. It appears complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it
 holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
@@ -34,9 +34,10 @@ from ..tension.run import run_tension
 from ..tension.test import material_of
 from . import settings
 from .data import Curve
+from .drives import Rival
 from .fit import Fit, calibrate
 from .provenance import material_text, provenance
-from .report import Findings, autocorrelation, examine, is_determined, report
+from .report import Findings, autocorrelation, examine, is_determined, report, with_rival
 
 
 def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spread | None = None) -> Path:
@@ -54,6 +55,7 @@ def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spre
         with located(f"{config}, [calibrate]"), stages(console) as tell:
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
             findings = examine(fit, table.intervals, table.repeats, table.seed, tell, spread)
+            findings = findings if findings.stopped else with_rival(findings, table.starts, table.seed, tell)
         with DeferInterrupt() as writing:
             _write(folder, given, read, findings)
     report(findings, console)
@@ -89,6 +91,12 @@ def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings)
     material = _one_material(scenes)
     if material is not None:
         (folder / "material.toml").write_text(material_text(material, comment), encoding="utf-8")
+    if findings.rival is not None:
+        other = findings.rival.fits[1].modules()
+        scenes = {name: other[name] for name in read.scenes}
+        drive = findings.rival.drives[1]
+        said = f"{provenance(read.path.name)}\nThe fit by the other drive of the finger, {drive}."
+        (folder / f"calibrated_{drive}.toml").write_text(configs.dump(scenes, said), encoding="utf-8")
     write_points(folder / "points.csv", fit)
     (folder / "result.json").write_text(json.dumps(_summary(findings), indent=2), encoding="utf-8")
     draw(fit, folder / "fit.png")
@@ -157,7 +165,7 @@ def _summary(findings: Findings) -> dict[str, Any]:
             "parameters_without_it": None if without is None else vector(without[0]),
             "autocorrelation": autocorrelation(fit, k),
         }
-    specimens = findings.specimens
+    specimens, rival = findings.specimens, findings.rival
     return {
         "units": "SI",
         "parameters": vector(fit.x),
@@ -169,9 +177,22 @@ def _summary(findings: Findings) -> dict[str, Any]:
         "specimens": None if specimens is None else dict(zip(specimens.names, map(vector, specimens.x), strict=True)),
         "not_told_apart": [list(d.names) for d in findings.directions],
         "remarks": list(findings.remarks),
+        "other_drive": None if rival is None else _other(rival, vector),
         "loss": fit.fitting.loss,
         "steps": fit.steps,
         **versions(),
+    }
+
+
+def _other(rival: Rival, vector: Any) -> dict[str, Any]:
+    """The fit by the other drive, in SI."""
+    other = rival.fits[1]
+    return {
+        "drives": list(rival.drives),
+        "log_likelihoods": [value if np.isfinite(value) else None for value in rival.likelihoods],
+        "better": rival.better,
+        "parameters": vector(other.x),
+        "rmse": {curve.name: float(other.rmse(k)) for k, curve in enumerate(other.fitting.curves)},
     }
 
 

@@ -1,0 +1,117 @@
+"""The same curves explained by the other of the two laws that push a finger, and which of the two does it better.
+
+The thesis's chambers and the cell law differ by a factor of about four in moment and tip force, nobody knows why
+(`softgrip_jax.pneunet.drives`). Measured curves can say which of them a built finger follows: both are fitted to the
+same data, and compared by the likelihood of what was measured.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softgrip_jax.errors import InputError
+from softgrip_jax.pneunet.drives import with_other_drive
+from softgrip_jax.progress import Tell, silent
+from softgrip_jax.results import in_units
+from softgrip_jax.tables import Table
+
+from .fit import Fit, calibrate
+from .model import LEAST_NOISE, Fitting
+
+TOLD_APART = 3.0
+"""Difference of the logarithms of the likelihoods from which one law is called the better: 20 times as likely."""
+
+
+class Rival(NamedTuple):
+    """A fit, and that of the same curves by the other drive of the fingers."""
+
+    fits: tuple[Fit, Fit]
+    drives: tuple[str, str]
+    likelihoods: tuple[float, float]
+    """Natural logarithms, up to the same constant."""
+
+    @property
+    def better(self) -> str | None:
+        """The drive that explains the curves better; None where they do not tell the two apart."""
+        one, other = self.likelihoods
+        if one == other or abs(one - other) < TOLD_APART:
+            return None
+        return self.drives[int(other > one)]
+
+    def sentence(self) -> str:
+        """Which law follows the curves, and what that rests on."""
+        one, other = (fit.fitting.space for fit in self.fits)
+        held = [
+            f"by {drive!r} {', '.join(space.names[j] for j in np.flatnonzero(fit.on_bound))} ends on a bound"
+            for fit, drive, space in zip(self.fits, self.drives, (one, other), strict=True)
+            if fit.on_bound.any()
+        ]
+        rests = f" ({'; '.join(held)})" if held else ""
+        if self.better is None:
+            return f"The curves do not tell the drives {self.drives[0]!r} and {self.drives[1]!r} apart{rests}."
+        gain = abs(self.likelihoods[0] - self.likelihoods[1])
+        worse = self.drives[1 - self.drives.index(self.better)]
+        if not np.isfinite(gain):
+            return f"The drive {self.better!r} explains the curves; by {worse!r} some points have no state{rests}."
+        return (
+            f"The drive {self.better!r} explains the curves better than {worse!r}: the logarithm of the likelihood is "
+            f"{gain:.3g} larger{rests}."
+        )
+
+    def table(self) -> Table:
+        """Parameters and errors by both."""
+        table = Table(title="both drives of the finger, fitted to the same curves", title_justify="left")
+        table.add_column("", no_wrap=True)
+        for drive in self.drives:
+            table.add_column(f"drive {drive}", justify="right")
+        first = self.fits[0]
+        for j, (name, kind) in enumerate(zip(first.fitting.space.names, first.fitting.space.kinds, strict=True)):
+            values = [in_units(fit.x[j], kind) + (" (bound)" if fit.on_bound[j] else "") for fit in self.fits]
+            table.add_row(name, *values)
+        for k, curve in enumerate(first.fitting.curves):
+            errors = [fit.rmse(k) for fit in self.fits]
+            words = [f"{in_units(float(f'{e:.3g}'), curve.kind)} ({e / curve.size:.1%})" for e in errors]
+            table.add_row(f"RMS error of {curve.name}", *words)
+        return table
+
+
+def by_other_drive(fit: Fit, starts: int, seed: int, tell: Tell = silent) -> Rival | str | None:
+    """The fit of the same curves by the other drive; a sentence where there is none, and None where no fitted curve is
+    that of a finger with such a choice."""
+    fitting = fit.fitting
+    used = {curve.model for curve in fitting.curves if curve.fit}
+    others = {name: other for name in used if (other := with_other_drive(fitting.given.scenes[name])) is not None}
+    drives = {(fitting.given.scenes[name].drive, other.drive) for name, other in others.items()}
+    if len(drives) != 1:
+        return None
+    tell("the same curves by the other drive")
+    models = {name: others.get(name, model) for name, model in fitting.given.scenes.items()}
+    try:
+        second = calibrate(Fitting(models, fitting.given.variables, fitting.curves, fitting.loss), starts, seed)
+    except InputError as error:
+        return f"By the other drive the curves have no fit: {error}"
+    return Rival((fit, second), drives.pop(), (likelihood(fit), likelihood(second)))
+
+
+def likelihood(fit: Fit) -> float:
+    """Logarithm of the likelihood of all fitted points, without its constant.
+
+    With n points of root mean square error e, a curve of the stated noise sigma adds -n e^2 / (2 sigma^2), one whose
+    noise is estimated -n ln(e): normal errors, independent of each other. A point without a state has none.
+    """
+    total = 0.0
+    for k, curve in enumerate(fit.fitting.curves):
+        own = fit.fitting.of_curve == k
+        if not curve.fit:
+            continue
+        errors = fit.errors[own]
+        if not np.isfinite(errors).all():
+            return -np.inf
+        mean = float(np.mean(errors**2))
+        if curve.noise is None:
+            total -= 0.5 * len(errors) * np.log(max(mean, (LEAST_NOISE * curve.size) ** 2))
+        else:
+            total -= 0.5 * len(errors) * mean / curve.noise**2
+    return total
