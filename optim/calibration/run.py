@@ -3,8 +3,8 @@
 The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
 [material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
 result.json, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive. It appears
-complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until
-then.
+complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals
+until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
