@@ -1,6 +1,7 @@
 """The command line: reports, JSON, pictures and exit codes. Expected numbers are the thesis's."""
 
 import errno
+import importlib
 import json
 import math
 import re
@@ -10,6 +11,7 @@ import sys
 import time
 from pathlib import Path
 
+import jax
 import pytest
 from conftest import ROOT
 
@@ -19,6 +21,7 @@ from softgrip_jax.errors import ConfigError
 from softgrip_jax.folders import write_whole
 
 CONFIGS = ROOT / "configs"
+SHELL = str(CONFIGS / "shell_free.toml")
 
 
 def solved(capsys, *arguments) -> tuple[int, dict]:
@@ -115,6 +118,20 @@ def test_no_arguments_is_help_and_version_is_told(capsys):
     assert "Usage" in capsys.readouterr().out
     assert run(["--version"]) == 0
     assert capsys.readouterr().out.strip() == "0.1.0"
+
+
+@pytest.mark.parametrize("arguments", [["--profile", "solve", SHELL], ["solve", SHELL, "--profile"]])
+def test_a_profile_says_where_the_time_went(arguments, capsys):
+    find = importlib._bootstrap._find_and_load
+    jax.clear_caches()
+    assert run(arguments) == 0
+    rows = [line.split() for line in capsys.readouterr().err.splitlines()]
+    seconds = {row[3] if "%" in row[2] else row[2]: float(row[0]) for row in rows}
+    assert list(seconds) == ["importing", "tracing", "compiling,", "running,", "in"]
+    assert all(value >= 0 for value in seconds.values())
+    assert seconds["tracing"] > 0
+    assert seconds["tracing"] + seconds["compiling,"] < seconds["in"]
+    assert importlib._bootstrap._find_and_load is find
 
 
 def test_console_script():

@@ -45,6 +45,8 @@ CONSTANTS, OTHERS, BIAS = 2.0, 0.25, 0.03
 PRESSED = 0.03
 """Of the pressure on the wall: forces below it tell nothing of the lever."""
 GEOMETRY_OF = {"A": 0, "E": 1}
+FIRST_CORNER = 1000
+"""Number of the first geometry of corners.csv: no solid has such a one."""
 
 
 def finite_elements() -> list[list[float]]:
@@ -60,6 +62,15 @@ def finite_elements() -> list[list[float]]:
             phi = kappa * B * (0.5 * x[4] + x[3])
             values = [moment / mu / B**3, stretch, force / mu / B**2, np.nan * lever, np.nan]
             rows.append([0, GEOMETRY_OF[row["geometry"]], p / 136, phi, *x, *values, *[np.nan] * 24])
+    seen: dict[tuple[float, ...], int] = {}
+    with (HERE / "corners.csv").open() as file:
+        for row in csv.DictReader(line for line in file if not line.startswith("#")):
+            *sizes, p, kappa, stretch, moment, force, _lever = (float(v) for v in row.values())
+            geometry = seen.setdefault(tuple(sizes), FIRST_CORNER + len(seen))
+            x = np.array(sizes) / B
+            phi = kappa * B * (0.5 * x[4] + x[3])
+            values = [moment / mu / B**3, stretch, force / mu / B**2, np.nan, np.nan]
+            rows.append([0, geometry, p / 136, phi, *x, *values, *[np.nan] * 24])
     return rows
 
 

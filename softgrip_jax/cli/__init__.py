@@ -20,7 +20,7 @@ from .. import plugins
 from ..commands import programs
 from ..errors import InputError
 from ..plausible import units_are_stated
-from . import ending
+from . import ending, profile
 from . import files as files
 from . import runs as runs
 from . import scenes as scenes
@@ -52,6 +52,11 @@ def _name(command: Any) -> str:
 
 def run(arguments: Sequence[str]) -> int:
     """The command with these arguments; returns the exit code."""
+    if profile.FLAG in arguments:
+        with profile.Profile() as measured:
+            code = run([word for word in arguments if word != profile.FLAG])
+        print(*measured.lines(), sep="\n", file=sys.stderr)
+        return code
     find_commands()
     # Every mistake in what was typed is a subclass of typer's own, which has no public name.
     usage_error: Any = typer.BadParameter.__mro__[1]
