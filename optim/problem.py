@@ -291,18 +291,22 @@ class Problem:
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
         asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
-        solutions = self._solutions(scenes)
+        solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, limits, solutions)
         shortfalls = [
-            _shortfall(scenes[name], at, status, limits.get(name))
+            _shortfall(scenes[name], self._asked_at(at, t), status, limits.get(name))
             for (name, at), status in zip(self.measured.states, found.statuses, strict=True)
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
         return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2), solutions)
 
-    def _solutions(self, scenes: dict[str, Scene]) -> dict[tuple[str, State], Solution]:
-        return {(name, at): solution_at(scenes[name], at) for name, at in self.solved_states}
+    def _solutions(self, scenes: dict[str, Scene], t: Float[Array, " n"]) -> dict[tuple[str, State], Solution]:
+        return {(name, at): solution_at(scenes[name], self._asked_at(at, t)) for name, at in self.solved_states}
+
+    def _asked_at(self, at: State, t: Float[Array, " n"]) -> Any:
+        """A state as it is asked for at unit values t."""
+        return self.space.state_at(at, self.space.from_unit(t))
 
     def _judged(
         self,
@@ -341,7 +345,7 @@ class Problem:
         """`measure` along the whole way from zero load, without derivatives and without the limits that only a design
         without equilibrium needs: its shortfall is just positive."""
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
-        solutions = self._solutions(scenes)
+        solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, solutions=solutions)
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
@@ -385,12 +389,12 @@ class Problem:
 
             def equations(u, t, name=name, at=at):
                 scenes = scenes_at(t)
-                residual, solution = state_at(scenes[name], at, u)
+                residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
                 return residual, measured.only([(name, at)]).measure(scenes, solutions={(name, at): solution}).values
 
             near = root_nearby(equations, after_all(t, after), place)
-            scene = scenes_at(t)[name]
-            good = near.good & is_covered(scene, at, state_at(scene, at, near.known.u)[1])
+            scene, there = scenes_at(t)[name], self._asked_at(at, t)
+            good = near.good & is_covered(scene, there, state_at(scene, there, near.known.u)[1])
             put([(name, at)], near.observed, near.slopes, jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED)))
             after.append(near.known)
         number = jnp.zeros(len(statuses), int)
@@ -565,7 +569,7 @@ def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar | None) -> 
     At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by.
     For a task: 1 - y / target, with y what the scene reaches at NEAR_LIMIT times its limit pressure.
     """
-    if limit is None or at is None or at == AT_REST:
+    if limit is None or at is None or (isinstance(at, str) and at == AT_REST):
         return jnp.where(status == Status.OK, 0.0, jnp.nan)
     beyond = (status == Status.BEYOND_LIMIT) & jnp.isfinite(limit)
     safe = jnp.where(beyond, limit, 1.0)

@@ -200,7 +200,7 @@ def solution_at(scene: Scene, at: State) -> Solution:
     """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
     if isinstance(at, tuple):
         return pressure_for(scene, **{at[0]: at[1]})
-    return pressure_for(scene) if at == REQUIRED else solve(scene, at)
+    return pressure_for(scene) if isinstance(at, str) else solve(scene, at)
 
 
 def observables_of(scene: Scene) -> dict[str, str]:
