@@ -43,9 +43,22 @@ class Seen(NamedTuple):
     """The parts of one design, row 0 the design itself."""
 
     values: Float[np.ndarray, "p q"]
-    slopes: Float[np.ndarray, "p q n"]
+    slopes: Float[np.ndarray, "p q n"] | None
+    """None where `expansion` knows them."""
     shortfall: Float[np.ndarray, " p"]
-    shortfall_slopes: Float[np.ndarray, "p n"]
+    shortfall_slopes: Float[np.ndarray, "p n"] | None
+    expansion: Expansion | None = None
+    s: Float[np.ndarray, "p m"] | None = None
+
+    def pulled(self, by_values: np.ndarray, by_shortfall: np.ndarray) -> np.ndarray:
+        """The derivatives by t of what has these derivatives by values and shortfalls."""
+        if self.expansion is not None:
+            assert self.s is not None
+            return self.expansion.pulled(self.s, by_values)
+        assert self.slopes is not None
+        assert self.shortfall_slopes is not None
+        flat = by_values.reshape(len(by_values), -1) @ self.slopes.reshape(-1, self.slopes.shape[-1])
+        return flat + by_shortfall @ self.shortfall_slopes
 
 
 class Error(NamedTuple):
@@ -106,28 +119,29 @@ class Wants:
 
     # --- the parts of designs -----------------------------------------------------------------------------------------
 
-    def _solved(self, ts: np.ndarray, s: np.ndarray) -> list[Seen]:
-        """The same parts of every design."""
+    def _solved(self, ts: np.ndarray, s: np.ndarray, kept: int) -> list[Seen]:
+        """The same parts of every design, with the first `kept` of their derivatives (by t, then by s)."""
         rows = [as_rows(s, t) for t in ts]
-        found, n = self.parts(np.concatenate([t for t, _ in rows]), np.concatenate([s for _, s in rows])), ts.shape[1]
+        found = self.parts(np.concatenate([t for t, _ in rows]), np.concatenate([s for _, s in rows]))
         each = []
         for k in range(len(ts)):
             own = slice(k * len(s), (k + 1) * len(s))
+            slopes = np.nan_to_num(found.value_slopes[own, :, :kept])
             each.append(
                 Seen(
                     found.values[own],
-                    np.nan_to_num(found.value_slopes[own]),
+                    slopes,
                     found.shortfall[own],
-                    np.nan_to_num(found.shortfall_slopes[own]),
+                    np.nan_to_num(found.shortfall_slopes[own, :kept]),
                 )
             )
-        assert n == self.parts.designed
         return each
 
     def expansions(self, ts: np.ndarray) -> list[Expansion | None]:
         """About every design; None where a part that it needs has no equilibrium."""
         found = []
-        for seen in self._solved(ts, star(self.scatters.size)):
+        for seen in self._solved(ts, star(self.scatters.size), self.problem.space.size):
+            assert seen.slopes is not None
             good = np.all(seen.shortfall <= 0)
             found.append(expanded(seen.values, seen.slopes, self.parts.designed) if good else None)
         return found
@@ -135,13 +149,9 @@ class Wants:
     def by_samples(self, factors: Any = 1.0) -> Callable[[np.ndarray], list[Seen | None]]:
         """The parts of designs, solved. factors: of every deviation."""
         s = np.concatenate([np.zeros((1, self.scatters.size)), self.solved_parts * factors])
-        n = self.parts.designed
 
         def seen(ts: np.ndarray) -> list[Seen | None]:
-            return [
-                one._replace(slopes=one.slopes[..., :n], shortfall_slopes=one.shortfall_slopes[..., :n])
-                for one in self._solved(ts, s)
-            ]
+            return list(self._solved(ts, s, self.parts.designed))
 
         return seen
 
@@ -151,8 +161,8 @@ class Wants:
 
         def seen(ts: np.ndarray) -> list[Seen | None]:
             return [
-                None if one is None else Seen(one.parts(s), one.slopes(s), np.zeros(len(s)), np.zeros((len(s), len(t))))
-                for one, t in zip(self.expansions(ts), ts, strict=True)
+                None if one is None else Seen(one.parts(s), None, np.zeros(len(s)), None, one, s)
+                for one in self.expansions(ts)
             ]
 
         return seen
@@ -169,8 +179,7 @@ class Wants:
                     rows.append(None)
                     continue
                 values, (by_values, by_shortfall) = self.asked(one.values, one.shortfall, width)
-                slopes = np.einsum("rpq,pqn->rn", np.asarray(by_values), one.slopes)
-                rows.append((np.asarray(values), slopes + np.asarray(by_shortfall) @ one.shortfall_slopes))
+                rows.append((np.asarray(values), one.pulled(np.asarray(by_values), np.asarray(by_shortfall))))
             return _together(rows, ts.shape[1])
 
         return answer
@@ -256,7 +265,7 @@ class Wants:
 
     def _functions(self, found: Any) -> tuple[np.ndarray, np.ndarray]:
         """Objective, violations and shortfall of parts, and their slopes by t and s."""
-        worth, (by_values, _) = self.row_by_row(found.values, found.shortfall)
+        worth, by_values = self.row_by_row(found.values, found.shortfall)
         lost = found.shortfall > 0
         slopes = np.nan_to_num(found.value_slopes)
         value = np.concatenate([np.asarray(worth.objective)[:, None], np.asarray(worth.violations)], axis=1)
@@ -274,4 +283,5 @@ def _together(rows: list[tuple[np.ndarray, np.ndarray] | None], n: int) -> Answe
     size = next((len(row[0]) for row in rows if row is not None), 1)
     values = np.stack([np.zeros(size) if row is None else row[0] for row in rows])
     slopes = np.stack([np.zeros((size, n)) if row is None else row[1] for row in rows])
-    return Answer(values, slopes, np.array([float(row is None) for row in rows]))
+    # SciPy's SLSQP takes rows of memory for rows of the matrix.
+    return Answer(values, np.ascontiguousarray(slopes), np.array([float(row is None) for row in rows]))

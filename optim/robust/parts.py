@@ -25,6 +25,8 @@ from .scatter import ScatteredSpace, Scatters
 
 BLOCK = 512
 """Parts that are looked up together among the states that are known: what a table of their distances takes, 80 MB."""
+COUNTED_AT_ONCE = 256
+"""Parts that are counted by one call: without derivatives they take less memory."""
 AT_ONCE = 64
 """Parts of scenes with one unknown that are solved by one call on a CPU."""
 
@@ -67,11 +69,32 @@ class Parts:
         """Parts of one design t; those without equilibrium have just a positive shortfall. What is not found from a
         state nearby is followed from zero load."""
         rows = np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1)
-        return self._in_blocks(self._answer if self._evaluate.is_near else self._evaluate, rows, tell)
+        if not self._evaluate.is_near:
+            return self._in_blocks(self._evaluate, rows, tell)
+        self._answer(rows[:1] * np.append(np.ones(len(t)), np.zeros(s.shape[1])))  # the design itself, to begin from
+        return self._in_blocks(self._by_chords, rows, tell)
 
     def whole_way(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
         """Parts of one design t, each along the whole way from zero load, as `sg.solve` does it."""
         return self._evaluate.solve(np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1))
+
+    def _by_chords(self, rows: np.ndarray) -> Evaluated:
+        """With the Jacobians of parts nearby; what is not found so is answered like any other."""
+        evaluate = self._evaluate
+        if not len(evaluate.at):
+            found = evaluate.solve(rows)
+            return found._replace(
+                value_slopes=found.value_slopes[..., :0], shortfall_slopes=found.shortfall_slopes[:, :0]
+            )
+        evaluate.solves += len(rows)
+        nearest = np.argmin(np.sum((rows[:, None] - evaluate.at[None]) ** 2, axis=-1), axis=1)
+        known = jax.tree.map(lambda v: v[nearest], evaluate.places)
+        found = evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known)
+        none = np.zeros((*found.values.shape, 0))
+        columns = (found.statuses, found.reasons, found.details)
+        whole = Evaluated(found.values, none, found.shortfall, none[:, 0], *columns)
+        left = np.flatnonzero(found.shortfall > 0)
+        return _put(whole, left, self._answer(rows[left])) if len(left) else whole
 
     def _answer(self, rows: np.ndarray) -> Evaluated:
         evaluate = self._evaluate
@@ -82,20 +105,7 @@ class Parts:
             return evaluate.solve(rows)
         found, left = evaluate._nearby(rows)
         if len(left):
-            again = evaluate.solve(rows[left])
-
-            def put(old: Any, new: Any) -> Any:
-                old = np.array(old)
-                old[left] = new
-                return old
-
-            found = found._replace(
-                values=put(found.values, again.values),
-                shortfall=put(found.shortfall, again.shortfall),
-                statuses=put(found.statuses, again.statuses),
-                reasons=put(found.reasons, again.reasons),
-                details=put(found.details, again.details),
-            )
+            found = _put(found, left, evaluate.solve(rows[left]))
         return found
 
     def _in_blocks(
@@ -111,7 +121,18 @@ class Parts:
         return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x]), *found)
 
 
-class DesignsOfParts:
+def _put(old: Evaluated, rows: np.ndarray, new: Evaluated) -> Evaluated:
+    """What was found, some rows found again, without derivatives."""
+
+    def put(name: str) -> Any:
+        column = np.array(getattr(old, name))
+        column[rows] = getattr(new, name)
+        return column
+
+    return old._replace(**{name: put(name) for name in ("values", "shortfall", "statuses", "reasons", "details")})
+
+
+class DesignsOfParts(Evaluator):
     """What a search takes as its `Evaluator`: designs, which are parts without deviations.
 
     Args:
@@ -122,7 +143,7 @@ class DesignsOfParts:
         self.parts, self._evaluate = parts, parts._evaluate
         self.solves = 0
 
-    @property
+    @property  # type: ignore[override]
     def home(self) -> np.ndarray:
         return self._evaluate.home[: self.parts.designed]
 

@@ -210,28 +210,19 @@ def _improve(
         return _first(found), None, ""
     has_yield, needs_values = wants.wanted.promised is not None, wants.wanted.goal != "nominal"
     error = wants.error(nominal.best.t)
-    switched = ""
-    if uncertain.method == "samples":
-        switched = "it was asked for"
-    elif uncertain.method == "auto" and not is_good(error, has_yield, needs_values):
-        switched = f"the expansion about the nominal best design is not good enough: {words(error)}"
-    if not switched:
-        found = improved(wants, starts, DERIVATIVES)
-        if found:
-            at_best = wants.error(found[0].t)
-            best = dataclasses.replace(found[0], error=at_best)
-            if uncertain.method == "derivatives" or is_good(at_best, has_yield, needs_values):
-                return best, error, ""
-            switched = f"the expansion about the robust design is not good enough: {words(at_best)}"
-            starts = np.stack([one.t for one in found[:1]])
-        else:
-            switched = "no design was found whose parts have an expansion"
+    switched = "it was asked for" if uncertain.method == "samples" else ""
     # The expansion, even where it is not good enough, says cheaply which designs are worth their samples.
-    elif uncertain.method == "auto" or len(starts) > BETTER:
-        roughly = improved(wants, starts, DERIVATIVES)
-        near = [one.t for one in roughly[:1]]
-        starts = np.stack([*near, *starts][:BETTER])
-    found = improved(wants, starts, BY_SAMPLES)
+    found = improved(wants, starts, DERIVATIVES)
+    if found:
+        best = dataclasses.replace(found[0], error=wants.error(found[0].t))
+        good = uncertain.method == "derivatives" or is_good(best.error, has_yield, needs_values)
+        if good and not switched:
+            return best, error, ""
+        switched = switched or f"the expansion about the robust design is not good enough: {words(best.error)}"
+        found = improved(wants, best.t[None], BY_SAMPLES, widths=WIDTHS[1:])
+    else:
+        switched = switched or "no design was found whose parts have an expansion"
+        found = improved(wants, starts[:BETTER], BY_SAMPLES)
     best = _first(found)
     return dataclasses.replace(best, error=wants.error(best.t)), error, switched
 

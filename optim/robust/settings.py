@@ -23,6 +23,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any, Literal
 
+import jax.numpy as jnp
 import numpy as np
 import pydantic
 
@@ -111,7 +112,7 @@ def scenes_of_posterior(scenes: Scenes, table: UncertainTable, folder: Path, whe
     if table.posterior is None:
         return scenes, None
     draws = _draws(scenes, folder / table.posterior, where)
-    return Parameters(scenes, [Parameter(name) for name in draws.names]).scenes_at(draws.mean), draws
+    return Parameters(scenes, [Parameter(name) for name in draws.names]).scenes_at(jnp.asarray(draws.mean)), draws
 
 
 def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[Limits], where: str) -> Uncertain:
@@ -159,7 +160,7 @@ def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[
 
 def require_counted(problem: Problem, uncertain: Uncertain, where: str) -> None:
     """A ConfigError where a yield has nothing to count."""
-    if uncertain.wanted.promised is not None and not problem.rules and not (uncertain.limits or problem.limits):
+    if uncertain.wanted.promised is not None and not (uncertain.limits or problem.limits) and not problem.rules:
         raise ConfigError(f"{where}: a yield needs something to keep; give requirements or constraints.")
 
 

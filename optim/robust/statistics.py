@@ -143,10 +143,10 @@ def asked_of_parts(
 def with_row_by_row(
     problem: Problem, requirements: Requirements, scales: Scales
 ) -> Callable[[Any, Any], tuple[Worth, Any]]:
-    """(worth of every part, its derivatives by values and shortfall)."""
+    """(worth of every part, its derivatives by the values)."""
     of_part = worth(problem, requirements, scales)
 
     def each(values: Array, shortfall: Array) -> tuple[Worth, Any]:
-        return of_part(values, shortfall), jax.jacfwd(of_part, argnums=(0, 1))(values, shortfall)
+        return of_part(values, shortfall), jax.jacfwd(of_part)(values, shortfall)
 
     return jax.jit(jax.vmap(each))
