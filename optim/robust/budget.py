@@ -66,7 +66,7 @@ def budget(wants: Wants, best: Improved) -> Budget | None:
         return np.where(np.arange(m) == k, HALVED, 1.0)
 
     def gain(factors: np.ndarray) -> float:
-        found = improved(wants, best.t[None], best.method, factors, WIDTHS[-1:])
+        found = improved(wants, best.t[None], best.method, factors, WIDTHS[1:])
         return float(best.values[0] - found[0].values[0]) if found and found[0].kept else float("nan")
 
     factors = allocation(lambda f: float(smoothed(jnp.asarray(broken(f)), width)), m)

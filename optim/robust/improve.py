@@ -21,8 +21,10 @@ from .evaluate import Answer, Error, Seen, Wants
 WIDTHS = (0.5, 0.2, 0.05)
 """Of the smoothed edge, in standard deviations of the worst requirement over the parts: at the last one a yield of 95 %
 of a normal requirement is off by 0.07 %."""
-ITERATIONS, ENOUGH = 15, 1e-6
-"""Of SLSQP in each stage, and the change of the objective that is none."""
+ITERATIONS, ENOUGH = 15, 1e-4
+"""Of SLSQP in each stage, and the change of the objective and the break of a constraint that are none (scaled)."""
+SAME, GOING_ON = 0.02, 2
+"""Designs within this part of every range are one; so many go on after the first stage."""
 KEPT = 2e-3
 """A constraint that is broken by less is kept: in the logit of a yield of 95 % that is 0.01 %."""
 CANDIDATES = 4
@@ -86,12 +88,25 @@ def improved(
         ends = _in_step(wants.at_worst, starts)
         return _ranked(wants.at_worst(ends), ends, 0.0, method)
     look = wants.by_expansion(factors) if method == DERIVATIVES else wants.by_samples(factors)
-    has_yield, ends, width = wants.wanted.promised is not None, starts, 1.0
+    has_yield, ends, width, found = wants.wanted.promised is not None, starts, 1.0, []
     for share in widths if has_yield else widths[-1:]:
         if has_yield:
             width = share * _spread(wants, look(ends))
         ends = _in_step(wants.answer(look, width), ends)
-    return _ranked(wants.answer(look, width)(ends), ends, width, method)
+        found = _ranked(wants.answer(look, width)(ends), ends, width, method)
+        if not found:
+            break
+        ends = _distinct([one.t for one in found])
+    return found
+
+
+def _distinct(rows: list[np.ndarray]) -> np.ndarray:
+    """The first ones that are not the same."""
+    kept: list[np.ndarray] = []
+    for row in rows:
+        if all(np.max(np.abs(row - other)) > SAME for other in kept):
+            kept.append(row)
+    return np.stack(kept[:GOING_ON])
 
 
 def _spread(wants: Wants, seen: list[Seen | None]) -> float:
