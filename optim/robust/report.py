@@ -86,7 +86,10 @@ def sentences(problem: Problem, robust: Robust) -> list[str]:
     if best.method == ASCENT:
         found.append("Worst cases were found by an inner ascent for the objective and for every constraint.")
     elif best.method == DERIVATIVES:
-        found.append(f"Parts were known by second-order derivatives; checked with solved parts, {words(best.error)}.")
+        found.append(
+            "Parts were known by derivatives, of the second order and most of the third; beside parts that were solved "
+            f"{words(best.error)}."
+        )
     else:
         found.append(
             f"{len(robust.wants.solved_parts)} quasi-random parts of each design were solved: {robust.switched}."

@@ -62,10 +62,11 @@ def robust(
     """
     unit, factor = DISPLAY[kind]
     words = f"{label} ({unit})" if unit else label
-    extra = bool(front) + bool(prices)
+    panels = 2 + bool(front) + bool(prices)
+    rows, columns = (2, 2) if panels == 4 else (1, panels)
     with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH * (1 if extra else 0.75), HEIGHT * (2 if extra else 1)))
-        axes = list(np.ravel(figure.subplots(2 if extra else 1, 2)))
+        figure = Figure(figsize=(WIDTH * (1.3 if columns == 3 else 1), HEIGHT * rows))
+        axes = list(np.ravel(figure.subplots(rows, columns)))
         _goal(axes[0], casts, words, factor)
         _edge(axes[1], casts)
         rest = axes[2:]
@@ -73,9 +74,6 @@ def robust(
             _front(rest.pop(0), front, casts, words, factor)
         if prices:
             _prices(rest.pop(0), prices)
-        for ax in rest:
-            ax.set_visible(False)
-            figure.delaxes(ax)
     return figure
 
 
