@@ -217,7 +217,7 @@ def test_an_expansion_is_exact_to_the_second_order_and_for_squares_times_another
 def test_equal_cost_is_spent_where_it_helps():
     """For a margin with variance sum (f_j d_j)^2, the best factors at sum 1 / f_j = m are as d_j^(-2/3)."""
     d = np.array([1.0, 2.0, 0.5])
-    factors = allocation(lambda f: -float(np.sum((f * d) ** 2)), 3)
+    factors = allocation(lambda f: float(np.sum((f * d) ** 2)), 3)
     expected = d ** (-2 / 3) * np.sum(d ** (2 / 3)) / 3
     np.testing.assert_allclose(factors, expected, rtol=0.02)
 

@@ -3,12 +3,13 @@
 The price of a tolerance is what the goal gains, at the wanted yield, where this one alone is halved and the design is
 improved anew. At equal cost, sum_j 1 / f_j = m with f_j the factor of tolerance j (making a number twice as precise
 costs twice as much, each tolerance as it stands costs the same), the yield of the design is largest for the factors
-told here.
+told here; where the goal itself is one of all parts, the goal is best for them at the same yield.
 """
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize
 
+from .count import of_values
 from .evaluate import Wants
 from .improve import WIDTHS, Improved, improved
 from .statistics import smoothed_logit
@@ -69,7 +71,18 @@ def budget(wants: Wants, best: Improved) -> Budget | None:
         found = improved(wants, best.t[None], best.method, factors, WIDTHS[1:])
         return float(best.values[0] - found[0].values[0]) if found and found[0].kept else float("nan")
 
-    factors = allocation(lambda f: float(smoothed(jnp.asarray(broken(f)), width)), m)
+    def goal(factors: np.ndarray) -> float:
+        values = expansion.parts(np.concatenate([np.zeros((1, m)), s * factors]))
+        return of_values(wants, values, np.zeros(len(values))).goal
+
+    def room(factors: np.ndarray) -> float:
+        return float(smoothed(jnp.asarray(broken(factors)), width))
+
+    if wants.wanted.goal == "nominal":
+        factors = allocation(lambda f: -room(f), m)
+    else:
+        least = room(np.ones(m))
+        factors = allocation(goal, m, lambda f: room(f) - least)
     return Budget(
         share(np.ones(m)),
         np.array([share(one(k)) for k in range(m)]),
@@ -83,16 +96,21 @@ def budget(wants: Wants, best: Improved) -> Budget | None:
 smoothed = jax.jit(smoothed_logit)
 
 
-def allocation(logit_of_yield: object, size: int) -> Float[np.ndarray, " m"]:
-    """The factors of tolerances, sum 1 / factor = size, with the largest yield.
+def allocation(
+    cost: Callable[[np.ndarray], float], size: int, kept: Callable[[np.ndarray], float] | None = None
+) -> Float[np.ndarray, " m"]:
+    """The factors of tolerances, sum 1 / factor = size, that cost least, where `kept` stays at zero or above.
 
     In e = 1 / factor, the precision that is paid for, the cost is linear.
     """
     found = minimize(
-        lambda e: -logit_of_yield(1 / e),  # type: ignore[operator]
+        lambda e: cost(1 / e),
         np.ones(size),
         bounds=[(1 / WIDEST, 1 / NARROWEST)] * size,
-        constraints=[{"type": "eq", "fun": lambda e: np.sum(e) - size, "jac": lambda e: np.ones((1, size))}],
+        constraints=[
+            {"type": "eq", "fun": lambda e: np.sum(e) - size, "jac": lambda e: np.ones((1, size))},
+            *([{"type": "ineq", "fun": lambda e: kept(1 / e)}] if kept else []),
+        ],
         method="SLSQP",
         options={"eps": 1e-3, "ftol": 1e-6, "maxiter": 40},
     )

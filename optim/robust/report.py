@@ -210,10 +210,10 @@ def _allocation(robust: Robust) -> str:
     assert budget is not None
     gain = budget.allocated_gain / abs(float(robust.best.values[0]))
     said = (
-        "At equal cost (a tolerance that is twice as tight costs twice as much) these factors raise the yield of the "
-        f"robust design from {budget.share:.2%} to {budget.allocated:.2%}"
+        "At equal cost (a tolerance that is twice as tight costs twice as much) the yield of the robust design goes "
+        f"with these factors from {budget.share:.2%} to {budget.allocated:.2%}"
     )
-    return said + (f", or the goal by {gain:.2%} at the same yield." if np.isfinite(gain) else ".")
+    return said + (f"; improved anew for the same yield, the goal gains {gain:.2%}." if np.isfinite(gain) else ".")
 
 
 def _front_table(problem: Problem, robust: Robust) -> Table:

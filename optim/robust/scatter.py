@@ -83,6 +83,7 @@ class Scatter:
 
     @property
     def is_log(self) -> bool:
+        """Whether it is the logarithm that is normal."""
         return self.distribution == "lognormal"
 
 
@@ -133,7 +134,7 @@ class Scatters:
 
     Args:
         numbers: what scatters by a distribution of its own.
-        correlation: of the normal scores of `numbers`, a matrix; None where they are independent.
+        correlation: of the normal scores of `numbers`, a dimensionless matrix; None where they are independent.
         draws: further numbers, which scatter jointly as their draws do.
 
     Raises:
@@ -165,12 +166,8 @@ class Scatters:
 
     @property
     def size(self) -> int:
+        """How many numbers scatter."""
         return len(self.names)
-
-    @property
-    def is_normal(self) -> np.ndarray:
-        """Of every number, whether its s is a normal score."""
-        return np.array([n.distribution == "normal" for n in self.numbers] + [False] * (self.size - len(self.numbers)))
 
     def of_uniform(self, u: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "n m"]:
         """s of points of the unit cube; the last coordinate picks the draw."""
