@@ -318,6 +318,20 @@ def test_a_run_promises_what_plain_monte_carlo_counts(folder):
     assert len(robust["tolerances"]) == 3
 
 
+def test_a_stopped_improvement_keeps_the_nominal_designs(tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optim.robust.run._improve", stop)
+    (tmp_path / "shell.toml").write_text(CONFIG)
+    with pytest.raises(KeyboardInterrupt):
+        run_design(tmp_path / "shell.toml", tmp_path / "run", Console(quiet=True))
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert result["stopped"]
+    assert result["best"]["feasible"]
+    assert "robust" not in result
+
+
 def test_solved_parts_and_expanded_ones_agree_on_a_shell(tmp_path):
     """The same design has the same yield by both, and its derivatives by the design agree with finite differences."""
     (tmp_path / "shell.toml").write_text(CONFIG)

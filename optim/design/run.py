@@ -76,8 +76,11 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         with nullcontext(scattered.evaluator) if scattered else evaluator_on(spread, wanted.problem) as evaluator:
             result = _search_with_progress(wanted, console, evaluator)
         if scattered and not result.stopped:
-            with located(f"{config}, [design.uncertain]"), stages(console) as tell:
-                result, robust = scattered.robust(result, tell)
+            try:
+                with located(f"{config}, [design.uncertain]"), stages(console) as tell:
+                    result, robust = scattered.robust(result, tell)
+            except KeyboardInterrupt:  # the nominal designs are there
+                result = dataclasses.replace(result, stopped=True)
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with DeferInterrupt() as writing:
