@@ -350,6 +350,18 @@ def test_solved_parts_and_expanded_ones_agree_on_a_shell(tmp_path):
     np.testing.assert_allclose(found.value_slopes[0, :, 0], (up - down) / (2 * h), rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
+def test_parts_of_a_finger_that_are_counted_are_those_of_the_whole_way():
+    """By chords from parts nearby, and by `sg.solve` from zero load: the same parts, with a regulator that is off."""
+    read = settings.read(configs.load(ROOT / "configs" / "finger_tip_force_robust.toml"))
+    parts = Parts(problem_of_parts(read.problem, read.uncertain.scatters))
+    t, s = np.array([0.98, 0.6, 0.05, 0.45, 0.05]), read.uncertain.scatters.fresh(96, 7)
+    found, expected = parts.counted(t, s), parts.whole_way(t, s)
+    np.testing.assert_array_equal(found.statuses, expected.statuses)
+    assert np.sum(expected.shortfall == 0) > 80
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-6, atol=1e-9)
+
+
 def posterior(path, **columns):
     """A file as a calibration writes it."""
     data = xr.Dataset({name: (("chain", "draw"), values) for name, values in columns.items()})

@@ -107,7 +107,6 @@ class Wants:
         self.tested_parts = scatters.quasi_random(TESTED, seed + 1)
         self.row_by_row = with_row_by_row(self.problem, requirements, scales)
         self._asked: dict[float | None, Any] = {}
-        self._corners: dict[int, np.ndarray] = {}
 
     @property
     def asked(self) -> Any:
