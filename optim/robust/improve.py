@@ -25,8 +25,10 @@ ITERATIONS, ENOUGH = 15, 1e-4
 """Of SLSQP in each stage, and the change of the objective and the break of a constraint that are none (scaled)."""
 SAME, GOING_ON = 0.02, 2
 """Designs within this part of every range are one; so many go on after the first stage."""
-KEPT = 2e-3
-"""A constraint that is broken by less is kept: in the logit of a yield of 95 % that is 0.01 %."""
+KEPT, KEPT_LOGIT = 2e-3, 1e-2
+"""A constraint that is broken by less is kept; the logit of a yield of 95 % by 1e-2 is 0.05 % of the parts."""
+AGAIN = 2
+"""Times that the last stage begins anew where its end breaks a constraint: a line search may have failed."""
 CANDIDATES = 4
 """Designs that are improved: with a dozen parts each they fill one call."""
 SHARE_ERROR, OBJECTIVE_ERROR = 5e-3, 2e-3
@@ -86,17 +88,23 @@ def improved(
     """The robust optimum near each row of unit values, the best first. factors: of every deviation."""
     if method == ASCENT:
         ends = _in_step(wants.at_worst, starts)
-        return _ranked(wants.at_worst(ends), ends, 0.0, method)
+        return _ranked(wants.at_worst(ends), ends, 0.0, method, False)
     look = wants.by_expansion(factors) if method == DERIVATIVES else wants.by_samples(factors)
     has_yield, ends, width, found = wants.wanted.promised is not None, starts, 1.0, []
     for share in widths if has_yield else widths[-1:]:
         if has_yield:
             width = share * _spread(wants, look(ends))
         ends = _in_step(wants.answer(look, width), ends)
-        found = _ranked(wants.answer(look, width)(ends), ends, width, method)
+        found = _ranked(wants.answer(look, width)(ends), ends, width, method, has_yield)
         if not found:
             break
         ends = _distinct([one.t for one in found])
+    for _ in range(AGAIN):
+        if not found or found[0].kept:
+            break
+        ends = _in_step(wants.answer(look, width), ends)
+        again = _ranked(wants.answer(look, width)(ends), ends, width, method, has_yield)
+        found = sorted([*found, *again], key=lambda one: one.rank)
     return found
 
 
@@ -115,11 +123,12 @@ def _spread(wants: Wants, seen: list[Seen | None]) -> float:
     return float(np.median(found)) if found else 1.0
 
 
-def _ranked(answer: Answer, ends: np.ndarray, width: float, method: str) -> list[Improved]:
+def _ranked(answer: Answer, ends: np.ndarray, width: float, method: str, has_yield: bool) -> list[Improved]:
     rows = zip(ends, answer.values, answer.shortfall, strict=True)
-    found = [
-        Improved(t, v, bool(np.max(v[1:], initial=-1.0) <= KEPT), width, method) for t, v, lost in rows if not lost
-    ]
+    free = np.full(answer.values.shape[1] - 1, KEPT)
+    if has_yield:  # its logit is the first constraint
+        free[0] = KEPT_LOGIT
+    found = [Improved(t, v, bool(np.all(v[1:] <= free)), width, method) for t, v, lost in rows if not lost]
     return sorted(found, key=lambda one: one.rank)
 
 

@@ -321,13 +321,23 @@ def _front(wants: Wants, best: Improved, uncertain: Uncertain, tell: Tell) -> tu
             wants.wanted = wanted._replace(promised=share)
             start = points[-1].best.t if points else best.t
             found = improved(wants, np.stack([start, best.t]), best.method, widths=WIDTHS[1:])
-            if not found or not found[0].kept:
-                continue
-            own = promised(wants, found[0])[0]
-            fresh = counted(wants, found[0].t, FRONT_COUNTED)
+            own, fresh = _promise_and_count(wants, found)
+            if found and found[0].method == DERIVATIVES and abs(own - fresh) > AGREED:
+                found = improved(wants, found[0].t[None], BY_SAMPLES, widths=WIDTHS[1:])
+                own, fresh = _promise_and_count(wants, found)
+            if not found or not found[0].kept or abs(own - fresh) > AGREED:
+                continue  # no design of a front whose yield is not what it says
             nominal = wants.parts.counted(found[0].t, np.zeros((1, wants.scatters.size)))
             objective = float(wants.broken(nominal.values, nominal.shortfall)[1][0])
-            points.append(FrontPoint(share, float(own or 0.0), fresh.share, found[0], objective, nominal.values[0]))
+            points.append(FrontPoint(share, own, fresh, found[0], objective, nominal.values[0]))
     finally:
         wants.wanted = wanted
     return tuple(points)
+
+
+def _promise_and_count(wants: Wants, found: list[Improved]) -> tuple[float, float]:
+    """The yield that the first of some designs is promised to have, and that of fresh parts."""
+    if not found:
+        return 0.0, 0.0
+    own, _ = promised(wants, found[0])
+    return float(own or 0.0), counted(wants, found[0].t, FRONT_COUNTED).share

@@ -88,7 +88,7 @@ def _goal(ax: Axes, casts: Mapping[str, Cast], words: str, factor: float) -> Non
     ax.set_xlabel(words)
     ax.set_ylabel("parts")
     ax.set_ylim(top=1.35 * ax.get_ylim()[1])
-    ax.legend(loc="upper left")
+    ax.legend(loc="upper left", frameon=True, edgecolor="none")
 
 
 def _edge(ax: Axes, casts: Mapping[str, Cast]) -> None:
@@ -103,7 +103,7 @@ def _edge(ax: Axes, casts: Mapping[str, Cast]) -> None:
     ax.set_yticks(np.linspace(0, 1, 5))
     ax.set_xlabel("room to the worst requirement (scaled)\nparts left of 0 fail")
     ax.set_ylabel("share of parts with more room")
-    ax.legend(loc="upper right")
+    ax.legend(loc="upper right", frameon=True, edgecolor="none")
 
 
 def _front(
