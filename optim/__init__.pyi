@@ -13,6 +13,10 @@ from .problem import GoalKind as GoalKind
 from .problem import Limits as Limits
 from .problem import Problem as Problem
 from .problem import Quantity as Quantity
+from .robust.run import robust_search as robust_search
+from .robust.scatter import Draws as Draws
+from .robust.scatter import Scatter as Scatter
+from .robust.scatter import Scatters as Scatters
 from .space import Space as Space
 from .space import Variable as Variable
 from .tension.test import Tension as Tension

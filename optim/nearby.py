@@ -29,7 +29,7 @@ def can_begin_nearby(scene: Scene) -> bool:
     return isinstance(scene, PathEquations)
 
 
-def is_sought(at: State) -> bool:
+def is_sought(at: State | Array) -> bool:
     """Whether the pressure of a state is unknown: it is asked for by what it does."""
     return isinstance(at, tuple | str)
 
@@ -40,7 +40,7 @@ def known_state(at: State, solution: Solution) -> Known:
     return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u)
 
 
-def state_at(scene: Any, at: State, u: Float[Array, " n"]) -> tuple[Array, Solution]:
+def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Array, Solution]:
     """What is left of the equations at u, and the state there as if nothing were.
 
     at: a pressure (Pa), "required", or (observable, value), as in `quantities`.
@@ -59,7 +59,7 @@ def state_at(scene: Any, at: State, u: Float[Array, " n"]) -> tuple[Array, Solut
     return residual, solution
 
 
-def is_covered(scene: Any, at: State, solution: Solution) -> Bool[Array, ""]:
+def is_covered(scene: Any, at: State | Array, solution: Solution) -> Bool[Array, ""]:
     """Whether a state that solves the equations is one of those that `solve` calls OK: between the ends of the model,
     resolved by its points, held as it may be held."""
     scene, solution = frozen((scene.prepared(), solution))

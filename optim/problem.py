@@ -23,7 +23,7 @@ from jaxtyping import Array, Float, Int
 import softgrip_jax as sg
 from softgrip_jax.commands.programs import QUICKLY, SIDE_BY_SIDE, program
 from softgrip_jax.errors import InputError
-from softgrip_jax.numerics.nearby import Known, root_nearby
+from softgrip_jax.numerics.nearby import Known, root_by_chords, root_nearby
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Solution, Status, in_units
@@ -291,18 +291,22 @@ class Problem:
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
         asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
-        solutions = self._solutions(scenes)
+        solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, limits, solutions)
         shortfalls = [
-            _shortfall(scenes[name], at, status, limits.get(name))
+            _shortfall(scenes[name], self._asked_at(at, t), status, limits.get(name))
             for (name, at), status in zip(self.measured.states, found.statuses, strict=True)
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
         return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2), solutions)
 
-    def _solutions(self, scenes: dict[str, Scene]) -> dict[tuple[str, State], Solution]:
-        return {(name, at): solution_at(scenes[name], at) for name, at in self.solved_states}
+    def _solutions(self, scenes: dict[str, Scene], t: Float[Array, " n"]) -> dict[tuple[str, State], Solution]:
+        return {(name, at): solution_at(scenes[name], self._asked_at(at, t)) for name, at in self.solved_states}
+
+    def _asked_at(self, at: State, t: Float[Array, " n"]) -> Any:
+        """A state as it is asked for at unit values t."""
+        return self.space.state_at(at, self.space.from_unit(t))
 
     def _judged(
         self,
@@ -341,7 +345,7 @@ class Problem:
         """`measure` along the whole way from zero load, without derivatives and without the limits that only a design
         without equilibrium needs: its shortfall is just positive."""
         scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
-        solutions = self._solutions(scenes)
+        solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, solutions=solutions)
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
@@ -385,18 +389,46 @@ class Problem:
 
             def equations(u, t, name=name, at=at):
                 scenes = scenes_at(t)
-                residual, solution = state_at(scenes[name], at, u)
+                residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
                 return residual, measured.only([(name, at)]).measure(scenes, solutions={(name, at): solution}).values
 
             near = root_nearby(equations, after_all(t, after), place)
-            scene = scenes_at(t)[name]
-            good = near.good & is_covered(scene, at, state_at(scene, at, near.known.u)[1])
+            scene, there = scenes_at(t)[name], self._asked_at(at, t)
+            good = near.good & is_covered(scene, there, state_at(scene, there, near.known.u)[1])
             put([(name, at)], near.observed, near.slopes, jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED)))
             after.append(near.known)
         number = jnp.zeros(len(statuses), int)
         observed = Observed(values, statuses, number, number * jnp.nan)
         ones = jnp.ones(len(statuses))
         return self._judged(observed, ones, ones[0]), slopes, tuple(after)
+
+    def solve_by_chords(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> Measured:
+        """As `solve_nearby`, without derivatives and with the Jacobians of the known states: a fraction of its time."""
+        measured, scenes, t_of = self.measured, without_rules(self.space.scenes_at(self.space.from_unit(t))), t
+        rest = measured.only([s for s in measured.states if s not in self.followed]).measure(scenes)
+        found = dict(zip([s for s in measured.states if s not in self.followed], rest.statuses, strict=True))
+        values = jnp.full(len(measured.quantities), jnp.nan)
+        rows = [k for k, q in enumerate(measured.quantities) if q.state not in self.followed]
+        values, before = values.at[np.array(rows, int)].set(rest.values), []
+        for (name, at), place in zip(self.followed, known, strict=True):
+
+            def equations(u, t, name=name, at=at):
+                scene = without_rules(self.space.scenes_at(self.space.from_unit(t)))
+                residual, solution = state_at(scene[name], self._asked_at(at, t), u)
+                return residual, measured.only([(name, at)]).measure(scene, solutions={(name, at): solution}).values
+
+            t = after_all(t_of, before)
+            seen, u, good = root_by_chords(equations, t, place)
+            there = self._asked_at(at, t)
+            good &= is_covered(scenes[name], there, state_at(scenes[name], there, u)[1])
+            found[name, at] = jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED))
+            rows = [k for k, q in enumerate(measured.quantities) if q.state == (name, at)]
+            values = values.at[np.array(rows, int)].set(seen)
+            before.append(place._replace(u=u))
+        statuses = jnp.stack([found[state] for state in measured.states])
+        number = jnp.zeros(len(statuses), int)
+        ones = jnp.ones(len(statuses))
+        return self._judged(Observed(values, statuses, number, number * jnp.nan), ones, ones[0])
 
     def home(self) -> np.ndarray:
         """Unit values of the starting design, moved off the bounds."""
@@ -409,6 +441,10 @@ class Problem:
     def solved_nearby(self, t: Any, known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """`solve_nearby` of a batch."""
         return self._program(self.solve_nearby, SIDE_BY_SIDE, t, known)
+
+    def solved_by_chords(self, t: Any, known: tuple[Known, ...]) -> Measured:
+        """`solve_by_chords` of a batch."""
+        return self._program(self.solve_by_chords, SIDE_BY_SIDE, t, known)
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any) -> Any:
         """function of every row, by a program that is compiled once."""
@@ -559,13 +595,13 @@ class Scaling:
         return found
 
 
-def _shortfall(scene: Scene, at: State, status: Array, limit: Scalar | None) -> Scalar:
+def _shortfall(scene: Scene, at: State | Scalar, status: Array, limit: Scalar | None) -> Scalar:
     """How far a state is beyond the limit of its scene, a pure number; NaN where the limit says nothing about it.
 
     At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by.
     For a task: 1 - y / target, with y what the scene reaches at NEAR_LIMIT times its limit pressure.
     """
-    if limit is None or at is None or at == AT_REST:
+    if limit is None or at is None or (isinstance(at, str) and at == AT_REST):
         return jnp.where(status == Status.OK, 0.0, jnp.nan)
     beyond = (status == Status.BEYOND_LIMIT) & jnp.isfinite(limit)
     safe = jnp.where(beyond, limit, 1.0)

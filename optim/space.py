@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softgrip_jax.parameters import Parameters, Scenes, between, require_range
+from softgrip_jax.quantities import State
 
 REFERENCE_INSET = 1e-3
 """A start on a bound is moved this part of the range inwards: exactly on it the sine map passes no gradient."""
@@ -89,6 +90,10 @@ class Space(Parameters):
         safe = np.where(self.is_log, np.maximum(x, np.finfo(float).tiny), 1.0)
         low, high = np.where(self.is_log, self.low, 1.0), np.where(self.is_log, self.high, 2.0)
         return np.where(self.is_log, np.log(safe / low) / np.log(high / low), (x - self.low) / (self.high - self.low))
+
+    def state_at(self, at: State, x: Float[Array, " n"]) -> Any:
+        """A state as the design at SI values x is asked for it."""
+        return at
 
     def inside(self, t: Any) -> np.ndarray:
         """Unit values moved off the bounds, as a start needs them."""

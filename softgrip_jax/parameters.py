@@ -102,6 +102,10 @@ class Parameters:
             start += size
         return eqx.tree_at(lambda s: [leaf for g in self._getters for leaf in g(s)], self.scenes, replacements)
 
+    def leaves_of(self, scenes: Scenes) -> list[tuple[Any, ...]]:
+        """Of every parameter, its tied leaves in scenes built like those that were given."""
+        return [getter(scenes) for getter in self._getters]
+
     def _getter(self, leaf: Named) -> tuple[Getter, str]:
         if leaf.where is not None:
             where = leaf.where

@@ -196,11 +196,11 @@ class QuantitySet:
         return Observed(*(jnp.stack(column) for column in (values, statuses, reasons, details)))
 
 
-def solution_at(scene: Scene, at: State) -> Solution:
+def solution_at(scene: Scene, at: State | Scalar) -> Solution:
     """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
     if isinstance(at, tuple):
         return pressure_for(scene, **{at[0]: at[1]})
-    return pressure_for(scene) if at == REQUIRED else solve(scene, at)
+    return pressure_for(scene) if isinstance(at, str) else solve(scene, at)
 
 
 def observables_of(scene: Scene) -> dict[str, str]:

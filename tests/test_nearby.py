@@ -7,7 +7,7 @@ from helpers import MATERIALS
 
 import softgrip_jax as sg
 from optim.nearby import can_begin_nearby, is_covered, known_state, state_at
-from softgrip_jax.numerics.nearby import Known, root_nearby
+from softgrip_jax.numerics.nearby import Known, root_by_chords, root_nearby
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.units import gram, kPa, mm
 
@@ -43,6 +43,15 @@ class Case:
             covered = is_covered(make(a), at, state_at(make(a), at, found.known.u)[1])
             return found.observed[0], found.slopes[0, 0], found.good & covered, found.known
 
+        def by_chords(a, known):
+            def equations(u, t):
+                residual, solution = state_at(make(t[0]), at, u)
+                return residual, solution.observables[name][None]
+
+            observed, _, good = root_by_chords(equations, jnp.asarray(a)[None], known)
+            return observed[0], good
+
+        self.by_chords = jax.jit(by_chords)
         self.along = jax.jit(jax.value_and_grad(along, has_aux=True))
         self.near = jax.jit(near)
 
@@ -89,6 +98,18 @@ def test_another_sign_of_the_determinant_is_no_answer(case):
     *_, good, known = case.near(A, case.known(A))
     assert good
     assert not case.near(A, Known(known.u, known.inverse, -known.side))[2]
+
+
+def test_chords_alone_lead_to_the_same_state_or_to_none(case):
+    *_, known = case.near(A, case.known(A))
+    found = 0
+    for a in (1.0 * A, 0.98 * A, 1.02 * A, 1.3 * A):
+        value, good = case.by_chords(a, known)
+        (expected, _), _ = case.along(a)
+        assert not good or value == pytest.approx(float(expected), rel=1e-8)
+        found += int(good)
+    assert found >= 3  # of those that are near
+    assert not case.by_chords(A, case.known(A))[1]  # nothing is known of its Jacobian
 
 
 def test_nonsense_is_no_answer(case):

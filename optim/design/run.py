@@ -12,6 +12,7 @@ import csv
 import dataclasses
 import json
 from collections import Counter
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
-from softgrip_jax.errors import InputError
+from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
+from softgrip_jax.progress import stages
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -34,6 +36,8 @@ from .. import rules
 from ..drives import by_other_drive
 from ..problem import Goal, Problem
 from ..records import agreed, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
+from ..robust import report as robust_report
+from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
@@ -63,14 +67,28 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         if spread is not None:
             raise ConfigError(f"{config}, [design]: a front is searched in one process; leave out --workers.")
         return run_front(given, wanted, out, config.stem, console)
+    robust, scattered = None, None
+    if wanted.uncertain is not None:
+        if spread is not None:
+            raise ConfigError(f"{config}, [design.uncertain]: this is searched in one process; leave out --workers.")
+        scattered = Scattered(wanted.problem, wanted.uncertain)
     with new_folder(out, config.stem) as (folder, final):
-        with evaluator_on(spread, wanted.problem) as evaluator:
+        with nullcontext(scattered.evaluator) if scattered else evaluator_on(spread, wanted.problem) as evaluator:
             result = _search_with_progress(wanted, console, evaluator)
+        if scattered and not result.stopped:
+            try:
+                with located(f"{config}, [design.uncertain]"), stages(console) as tell:
+                    result, robust = scattered.robust(result, tell)
+            except KeyboardInterrupt:  # the nominal designs are there
+                result = dataclasses.replace(result, stopped=True)
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with DeferInterrupt() as writing:
             report(result, console)  # at once: pictures take a while
-            _write(folder, given, read, wanted, result)
+            if robust:
+                robust_report.tell(wanted.problem, result, robust, console)
+                robust_report.write(folder, wanted.problem, result, robust)
+            _write(folder, given, read, wanted, result, robust)
     command = next_command(wanted.problem, final / "best.toml", result.best)
     console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:
@@ -135,7 +153,14 @@ def load_run(folder: str | Path) -> Run:
 # --- the folder -------------------------------------------------------------------------------------------------------
 
 
-def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Settings, result: SearchResult) -> None:
+def _write(
+    folder: Path,
+    given: bytes,
+    read: configs.Config,
+    wanted: settings.Settings,
+    result: SearchResult,
+    robust: Robust | None = None,
+) -> None:
     problem, best = wanted.problem, result.best
     (folder / "config.toml").write_bytes(given)
     comment = f"The best design of a search with softgrip_jax {sg.__version__}, seed {wanted.arguments['seed']}."
@@ -154,7 +179,10 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
         [{"step": k + 1} | {name: float(v[k]) for name, v in result.history.items()} for k in range(steps)],
     )
     _draw(folder, read.scenes, scenes, result)
-    (folder / "result.json").write_text(json.dumps(_summary(problem, wanted, result), indent=2), encoding="utf-8")
+    summed = _summary(problem, wanted, result)
+    if robust:
+        summed["robust"] = robust_report.record(problem, result, robust)
+    (folder / "result.json").write_text(json.dumps(summed, indent=2), encoding="utf-8")
 
 
 def best_scenes(result: SearchResult) -> dict[str, Scene]:

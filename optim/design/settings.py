@@ -18,6 +18,9 @@ chambers and the cell law; the goals are about the drive that a scene names itse
 
 With `front = 21` two or three goals are not added up but traded off: the result is about so many designs of which none
 is better in every goal than another.
+
+With `[design.uncertain]` numbers scatter from part to part, and a robust design is searched for: see
+`optim.robust.settings`.
 """
 
 from __future__ import annotations
@@ -40,6 +43,8 @@ from softgrip_jax.units import DISPLAY, mm, unit_key
 from ..drives import BOTH, by_both_drives
 from ..laws import differing_laws, require_one_law
 from ..problem import Goal, Limits, Problem
+from ..robust.settings import RequirementTable, Uncertain, UncertainTable, require_counted, scenes_of_posterior
+from ..robust.settings import read as read_uncertain
 from ..space import Space, Variable
 from .descent import FINISHED, OPTIMISERS
 
@@ -90,6 +95,7 @@ class DesignTable(Table):
     different_laws: bool = False
     drive: Literal["both"] | None = None
     front: int | None = pydantic.Field(default=None, ge=3, le=10_000)
+    uncertain: UncertainTable | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +105,8 @@ class Settings:
     problem: Problem
     arguments: dict[str, Any]
     is_front: bool
+    uncertain: Uncertain | None = None
+    """What scatters, where a robust design is wanted."""
 
 
 def read(config: configs.Config) -> Settings:
@@ -107,15 +115,19 @@ def read(config: configs.Config) -> Settings:
     if "design" not in config.tables:
         raise ConfigError(f"{config.path}: there is no section [design], which says what to search for.")
     table = configs.validated(DesignTable, config.tables["design"], where)
-    scenes = config.scenes
+    scenes, draws, uncertain = config.scenes, None, table.uncertain
+    if uncertain is not None:
+        _require_alone(table, where)
+        scenes, draws = scenes_of_posterior(scenes, uncertain, config.path.parent, where)
     with located(where):
         variables = [_variable(scenes, v, where) for v in table.variables]
         goals = [goal for g in table.goals for goal in _goals(scenes, g, where)]
         limits = [_limits(scenes, c, where) for c in table.constraints]
+        required = [_limits(scenes, r, where) for r in uncertain.requirements] if uncertain else []
         space, both = Space(scenes, variables), table.drive == "both"
         if not table.different_laws:
             require_one_law(space)
-        sentences, reported = differing_laws(space), []
+        sentences, reported = differing_laws(space), [limit.quantity for limit in required]
         if both:
             space, limits, reported = by_both_drives(space, goals, limits)
         problem = Problem(
@@ -130,7 +142,11 @@ def read(config: configs.Config) -> Settings:
             problem.different_laws = (*sentences, BOTH, SENTENCE)
     if table.front is None:
         names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")
-        return Settings(problem, {name: getattr(table, name) for name in names}, False)
+        scattered = None
+        if uncertain is not None:
+            scattered = read_uncertain(uncertain, space, draws, required, where)
+            require_counted(problem, scattered, where)
+        return Settings(problem, {name: getattr(table, name) for name in names}, False, scattered)
     if len(problem.goals) not in (2, 3):
         raise ConfigError(f"{where}: a front is between two or three goals; there are {len(problem.goals)}.")
     return Settings(problem, {"points": table.front, "starts": table.starts, "seed": table.seed}, True)
@@ -188,7 +204,17 @@ def _followed(scenes: Scenes, table: GoalTable, points: list[list[float]], where
     ]
 
 
-def _limits(scenes: Scenes, table: ConstraintTable, where: str) -> Limits:
+def _require_alone(table: DesignTable, where: str) -> None:
+    """A ConfigError for what a robust design is not searched with."""
+    if table.front is not None:
+        raise ConfigError(
+            f"{where}: a front of goals is not robust; leave out front, or give uncertain.front its yields."
+        )
+    if table.drive is not None:
+        raise ConfigError(f'{where}: drive = "both" and [design.uncertain] do not go together; leave out one of them.')
+
+
+def _limits(scenes: Scenes, table: ConstraintTable | RequirementTable, where: str) -> Limits:
     wanted, unit = quantity(scenes, table.keep, table.at, where)
     return Limits(wanted, _times(table.low, unit), _times(table.high, unit), _times(table.scale, unit))
 

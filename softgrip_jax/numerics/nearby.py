@@ -28,6 +28,9 @@ CONTRACTION = 0.5
 NEAR = 1e-7
 """A move below this, relative, is the last: with the Jacobian of the place itself it is squared."""
 
+LAST = 1e-9
+"""A move below this is the last where no Jacobian at the root follows: the error left is smaller than the move."""
+
 
 class Known(NamedTuple):
     """A root as a place to begin from."""
@@ -60,16 +63,7 @@ def known_root(u: Float[Array, " n"]) -> Known:
 def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Nearby:
     """The root of equations(u, t)[0] near a known one. What is not good may be tried again from where it ended."""
 
-    def chord(state):
-        u, last, _, count = state
-        move = known.inverse @ equations(u, t)[0]
-        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
-        shrinks = size <= CONTRACTION * last
-        return jnp.where(shrinks, u - move, u), size, shrinks & (size > NEAR), count + 1
-
-    start = (known.u, jnp.full((), jnp.inf, t.dtype), jnp.asarray(True), jnp.asarray(0))
-    u, _, _, count = lax.while_loop(lambda state: state[2] & (state[3] < CHORDS), chord, start)
-
+    u, _, count = _by_chords(equations, t, known, NEAR)
     n, place = len(u), jnp.concatenate([u, t])
     (residual, observed), (by_all, seen_by_all) = jax.vmap(
         lambda v: jax.jvp(lambda x: equations(x[:n], x[n:]), (place,), (v,)), out_axes=(None, -1)
@@ -82,3 +76,35 @@ def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Ne
     return Nearby(
         observed + by_u @ move, seen_by_all[:, n:] + by_u @ moved, Known(u + move, inverse, side), good, count
     )
+
+
+def root_by_chords(
+    equations: Equations, t: Float[Array, " m"], known: Known
+) -> tuple[Float[Array, " q"], Float[Array, " n"], Bool[Array, ""]]:
+    """(what is observed, the root, whether it is one) with the Jacobian of the known root alone, without derivatives.
+
+    The last move is below LAST. Where moves shrink by CONTRACTION each, the eigenvalues of the kept inverse times the
+    Jacobian at the root are within CONTRACTION of 1 (in all directions that the moves have), so that the determinant
+    has the sign that it has at the known root.
+    """
+    u, size, _ = _by_chords(equations, t, known, LAST)
+    # A state whose Jacobian is not known (zeros) does not move, and is no root.
+    good = (size <= LAST) & (known.side != 0)
+    return equations(u, t)[1], u, good
+
+
+def _by_chords(
+    equations: Equations, t: Float[Array, " m"], known: Known, enough: float
+) -> tuple[Float[Array, " n"], Float[Array, ""], Int[Array, ""]]:
+    """(unknowns, size of the last move, moves) while the moves shrink and are above `enough`."""
+
+    def chord(state):
+        u, last, _, count = state
+        move = known.inverse @ equations(u, t)[0]
+        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+        shrinks = size <= CONTRACTION * last
+        return jnp.where(shrinks, u - move, u), size, shrinks & (size > enough), count + 1
+
+    start = (known.u, jnp.full((), jnp.inf, t.dtype), jnp.asarray(True), jnp.asarray(0))
+    u, size, _, count = lax.while_loop(lambda state: state[2] & (state[3] < CHORDS), chord, start)
+    return u, size, count

@@ -23,6 +23,8 @@ from .fits import Line as Line
 from .fits import Panel as Panel
 from .fits import Points as Points
 from .fits import measured_and_fitted as measured_and_fitted
+from .robust import Cast as Cast
+from .robust import robust as robust
 from .study import elasticities as elasticities
 from .study import front as front
 from .study import study as study

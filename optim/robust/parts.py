@@ -1,0 +1,221 @@
+"""Parts of designs, solved: each from the state of a part or a design nearby.
+
+A part is one design with its deviations. Its problem is that of the design over `ScatteredSpace`, so that what searches
+use (values with derivatives, states from states nearby) holds for parts as it is; the design itself is the part without
+deviations, and the nominal search runs on the same compiled programs.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from softgrip_jax.quantities import State
+from softgrip_jax.results import Solution, in_units
+from softgrip_jax.units import DISPLAY
+
+from ..design.descent import Evaluated, Evaluator, chunk_for
+from ..problem import Limits, Problem
+from .scatter import ScatteredSpace, Scatters
+
+BLOCK = 512
+"""Parts that are looked up together among the states that are known: what a table of their distances takes, 80 MB."""
+COUNTED_AT_ONCE = 256
+"""Parts that are counted by one call: without derivatives they take less memory."""
+AT_ONCE = 64
+"""Parts of scenes with one unknown that are solved by one call on a CPU."""
+
+
+def problem_of_parts(problem: Problem, scatters: Scatters) -> Problem:
+    """The same goals, limits and rules, asked of parts."""
+    found = Problem(
+        ScatteredSpace(problem.space, scatters),
+        problem.goals,
+        problem.limits,
+        ignore_rules=problem.ignored_rules,
+        different_laws=True,
+        reported=problem.quantities,
+    )
+    assert found.quantities == problem.quantities
+    return found
+
+
+class Parts:
+    """Solves parts: rows of unit values of designs with rows of deviations.
+
+    Args:
+        problem: of the parts, see `problem_of_parts`.
+    """
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.designed = problem.space.size - problem.space.scatters.size  # type: ignore[attr-defined]
+        self._evaluate = Evaluator(problem, chunk_for(AT_ONCE, AT_ONCE) if problem.followed else AT_ONCE)
+
+    @property
+    def solves(self) -> int:
+        return self._evaluate.solves
+
+    def __call__(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
+        """Parts with derivatives by t and s; those without equilibrium have a shortfall with its derivatives."""
+        return self._in_blocks(self._evaluate, np.concatenate([t, s], axis=1))
+
+    def counted(self, t: np.ndarray, s: np.ndarray, tell: Callable[[int], None] = lambda done: None) -> Evaluated:
+        """Parts of one design t; those without equilibrium have just a positive shortfall. What is not found from a
+        state nearby is followed from zero load."""
+        rows = np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1)
+        if not self._evaluate.is_near:
+            return self._in_blocks(self._evaluate, rows, tell)
+        self._answer(rows[:1] * np.append(np.ones(len(t)), np.zeros(s.shape[1])))  # the design itself, to begin from
+        return self._in_blocks(self._by_chords, rows, tell)
+
+    def whole_way(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
+        """Parts of one design t, each along the whole way from zero load, as `sg.solve` does it."""
+        return self._evaluate.solve(np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1))
+
+    def _by_chords(self, rows: np.ndarray) -> Evaluated:
+        """With the Jacobians of parts nearby; what is not found so is answered like any other."""
+        evaluate = self._evaluate
+        if not len(evaluate.at):
+            found = evaluate.solve(rows)
+            return found._replace(
+                value_slopes=found.value_slopes[..., :0], shortfall_slopes=found.shortfall_slopes[:, :0]
+            )
+        evaluate.solves += len(rows)
+        nearest = np.argmin(np.sum((rows[:, None] - evaluate.at[None]) ** 2, axis=-1), axis=1)
+        known = jax.tree.map(lambda v: v[nearest], evaluate.places)
+        found = evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known)
+        none = np.zeros((*found.values.shape, 0))
+        columns = (found.statuses, found.reasons, found.details)
+        whole = Evaluated(found.values, none, found.shortfall, none[:, 0], *columns)
+        left = np.flatnonzero(found.shortfall > 0)
+        return _put(whole, left, self._answer(rows[left])) if len(left) else whole
+
+    def _answer(self, rows: np.ndarray) -> Evaluated:
+        evaluate = self._evaluate
+        evaluate.solves += len(rows)
+        if not len(evaluate.at):
+            evaluate._begin(rows[:1])
+        if not len(evaluate.at):
+            return evaluate.solve(rows)
+        found, left = evaluate._nearby(rows)
+        if len(left):
+            found = _put(found, left, evaluate.solve(rows[left]))
+        return found
+
+    def _in_blocks(
+        self,
+        solve: Callable[[np.ndarray], Evaluated],
+        rows: np.ndarray,
+        tell: Callable[[int], None] = lambda done: None,
+    ) -> Evaluated:
+        found = []
+        for start in range(0, len(rows), BLOCK):
+            found.append(solve(rows[start : start + BLOCK]))
+            tell(start + len(found[-1].values))
+        return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x]), *found)
+
+
+def _put(old: Evaluated, rows: np.ndarray, new: Evaluated) -> Evaluated:
+    """What was found, some rows found again, without derivatives."""
+
+    def put(name: str) -> Any:
+        column = np.array(getattr(old, name))
+        column[rows] = getattr(new, name)
+        return column
+
+    return old._replace(**{name: put(name) for name in ("values", "shortfall", "statuses", "reasons", "details")})
+
+
+class DesignsOfParts(Evaluator):
+    """What a search takes as its `Evaluator`: designs, which are parts without deviations.
+
+    Args:
+        parts: who solves.
+    """
+
+    def __init__(self, parts: Parts):
+        self.parts, self._evaluate = parts, parts._evaluate
+        self.solves = 0
+
+    @property  # type: ignore[override]
+    def home(self) -> np.ndarray:
+        return self._evaluate.home[: self.parts.designed]
+
+    @home.setter
+    def home(self, t: np.ndarray) -> None:
+        self._evaluate.home = self._rows(t)[0]
+
+    def __call__(self, t: Any) -> Evaluated:
+        """As `Evaluator`: with derivatives by t."""
+        rows, n = self._rows(t), self.parts.designed
+        self.solves += len(rows)
+        found = self._evaluate(rows)
+        return found._replace(
+            value_slopes=found.value_slopes[..., :n], shortfall_slopes=found.shortfall_slopes[..., :n]
+        )
+
+    def solve(self, t: Any) -> Evaluated:
+        """Along the whole way from zero load."""
+        rows, n = self._rows(t), self.parts.designed
+        self.solves += len(rows)
+        found = self._evaluate.solve(rows)
+        return found._replace(
+            value_slopes=found.value_slopes[..., :n], shortfall_slopes=found.shortfall_slopes[..., :n]
+        )
+
+    def solutions(self, t: np.ndarray) -> dict[tuple[str, State], list[Solution]]:
+        """The solved states, along the whole way from zero load."""
+        return self._evaluate.solutions(self._rows(t))
+
+    def _rows(self, t: Any) -> np.ndarray:
+        t = np.atleast_2d(np.asarray(t, dtype=float))
+        return np.concatenate([t, np.zeros((len(t), self.parts.problem.space.size - t.shape[1]))], axis=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Requirements:
+    """What a part must keep, as scaled violations: positive where it is broken.
+
+    Args:
+        problem: whose quantities are asked for.
+        limits: what is required beside the rules; None: what the problem's own limits say.
+    """
+
+    problem: Problem
+    limits: tuple[Limits, ...] | None = None
+
+    @property
+    def sides(self) -> list[tuple[int, int, float, float]]:
+        """(index of the quantity, sign, bound, scale) of every one-sided requirement."""
+        problem = self.problem
+        found = []
+        for limit in problem.limits if self.limits is None else self.limits:
+            k = problem.asked.index(limit.quantity)
+            found += [
+                (k, sign, bound, limit.scale or abs(bound) or DISPLAY[problem.kinds[k]][1])
+                for sign, bound in limit.sides()
+            ]
+        return found
+
+    @property
+    def labels(self) -> list[str]:
+        """'limit_margin at required at least 1.2', then the rules."""
+        problem = self.problem
+        own = [
+            f"{problem.label(problem.quantities[k])} {'at least' if sign < 0 else 'at most'} "
+            f"{in_units(bound, problem.kinds[k])}"
+            for k, sign, bound, _ in self.sides
+        ]
+        return own + problem.constraint_labels()[len(problem.sides) :]
+
+
+def as_rows(s: Float[np.ndarray, " m"] | Float[np.ndarray, "n m"], t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """t beside every row of s."""
+    s = np.atleast_2d(s)
+    return np.broadcast_to(t, (len(s), len(t))).copy(), s

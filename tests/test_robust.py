@@ -1,0 +1,429 @@
+"""Robust designs: closed forms of a linear problem with normal scatter, plain Monte Carlo by `sg.solve`, derivatives by
+finite differences, distributions by their moments, and what the section [design.uncertain] does not take."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import ROOT
+from helpers import shell
+from rich.console import Console
+from scipy.stats import kstest, lognorm, norm, spearmanr, uniform
+
+import softgrip_jax as sg
+from optim.design import settings
+from optim.design.run import run_design
+from optim.problem import Goal, Limits, Measured, Problem, Quantity
+from optim.robust.budget import allocation
+from optim.robust.count import counted, promised
+from optim.robust.evaluate import Wants
+from optim.robust.expansion import expanded, star
+from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, improved
+from optim.robust.parts import Parts, Requirements, problem_of_parts
+from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
+from optim.robust.statistics import Wanted, logit, quantile_weights, smoothed_logit
+from optim.space import Space, Variable
+from softgrip_jax import config as configs
+from softgrip_jax.config import ConfigError
+from softgrip_jax.errors import InputError
+from softgrip_jax.results import Status
+from softgrip_jax.units import kPa, mm
+
+SCENE = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm)
+DEVIATIONS = np.array([0.3, 0.4]) * mm
+CLOSEST = 30 * mm
+"""Of the toy: a + b must be at least this."""
+
+
+class Toy(Problem):
+    """Minimise a + 2 b, keep a + b >= CLOSEST, of the numbers a and b that a scene lends, whose scatter it has.
+
+    bent: of a square term, so that an expansion of the second order is exact and one of the first is not.
+    """
+
+    def __init__(self, space, bent=0.0):
+        quantities = [Quantity(name, "required", "toy") for name in list(sg.shell.Grasp.OBSERVABLES)[:2]]
+        limits = [Limits(quantities[1], low=CLOSEST)]
+        super().__init__(space, [Goal("minimise", quantities[0], scale=1 * mm)], limits, ignore_rules=[])
+        self.bent = bent
+
+    rules = ()
+    followed = ()
+
+    @property
+    def measured(self):
+        return self.asked
+
+    def measure(self, t, home=None):
+        toy = self.space.scenes_at(self.space.from_unit(t))["toy"]
+        a, b = toy.shell.a, toy.shell.b
+        values = jnp.stack([a + 2 * b + self.bent * (a - 12 * mm) ** 2 / mm, a + b])
+        return Measured(values, jnp.asarray(0.0), jnp.zeros(1, int))
+
+
+def toy(wanted, bent=0.0, distribution="normal", box=2.0):
+    """What is wanted of the parts of a toy."""
+    scene = SCENE
+    space = Space({"toy": scene}, [Variable("shell.a", 8 * mm, 16 * mm), Variable("shell.b", 18 * mm, 30 * mm)])
+    numbers = [
+        Scatter(name, float(d), relative=False, distribution=distribution)
+        for name, d in zip(("shell.a", "shell.b"), DEVIATIONS, strict=True)
+    ]
+    scatters = Scatters(numbers)
+    problem = Toy(ScatteredSpace(space, scatters), bent)
+    scales = problem.scales(np.array([1 * mm, 1 * mm]))
+    return Wants(Parts(problem), scatters, Requirements(problem), wanted, scales, box=box), problem.space
+
+
+def design_of(space, t):
+    return np.asarray(space.from_unit(jnp.concatenate([jnp.asarray(t), jnp.zeros(2)])))[:2]
+
+
+@pytest.mark.parametrize("method", [DERIVATIVES, BY_SAMPLES])
+def test_the_yield_of_a_linear_problem_is_that_of_its_closed_form(method):
+    """a + b >= c with probability p is a + b - z_p sqrt(d_a^2 + d_b^2) >= c; the cheaper number does it all."""
+    wants, space = toy(Wanted("nominal", 0.5, 0.95))
+    best = improved(wants, np.array([[0.5, 0.5], [0.9, 0.2]]), method)[0]
+    room = norm.ppf(0.95) * np.hypot(*DEVIATIONS)
+    a, b = design_of(space, best.t)
+    assert best.kept
+    np.testing.assert_allclose([a, b], [CLOSEST + room - 18 * mm, 18 * mm], atol=0.03 * np.hypot(*DEVIATIONS))
+    share, _ = promised(wants, best)
+    count = counted(wants, best.t)
+    exact = norm.cdf((a + b - CLOSEST) / np.hypot(*DEVIATIONS))
+    assert abs(share - exact) < 3e-3
+    assert abs(count.share - exact) < 4 * np.sqrt(exact * (1 - exact) / 20_000)
+    np.testing.assert_allclose(count.failures, [1 - count.share], atol=1e-12)
+
+
+def test_the_quantile_of_a_linear_goal_is_that_of_its_closed_form():
+    """q of a + 2 b is its middle and z_q sqrt(d_a^2 + 4 d_b^2); that of the constraint holds by itself."""
+    wants, space = toy(Wanted("quantile", 0.9, None))
+    best = improved(wants, np.array([[0.6, 0.5]]), DERIVATIVES)[0]
+    a, b = design_of(space, best.t)
+    middle, spread = a + 2 * b, np.hypot(DEVIATIONS[0], 2 * DEVIATIONS[1])
+    assert best.kept
+    np.testing.assert_allclose(best.values[0] * mm, middle + norm.ppf(0.9) * spread, atol=0.01 * spread)
+    room = norm.ppf(0.9) * np.hypot(*DEVIATIONS)
+    np.testing.assert_allclose(a + b, CLOSEST + room, atol=0.02 * room)
+
+
+def test_the_mean_of_a_bent_goal_has_its_second_order_term():
+    """E[(a - m)^2] is (mean a - m)^2 + d_a^2."""
+    wants, space = toy(Wanted("expected", 0.5, None), bent=0.7)
+    found = wants.answer(wants.by_expansion(), 1.0)(np.array([[0.4, 0.6]]))
+    a, b = design_of(space, [0.4, 0.6])
+    mean = a + 2 * b + 0.7 * ((a - 12 * mm) ** 2 + DEVIATIONS[0] ** 2) / mm
+    np.testing.assert_allclose(found.values[0, 0] * mm, mean, rtol=1e-5)
+
+
+@pytest.mark.parametrize("distribution", ["normal", "uniform"])
+def test_the_worst_case_of_a_linear_problem_is_a_corner(distribution):
+    wants, space = toy(Wanted("worst", 0.5, None), distribution=distribution)
+    reach = (2.0 if distribution == "normal" else 2 * norm.cdf(2.0) - 1) * DEVIATIONS
+    best = improved(wants, np.array([[0.6, 0.5]]), ASCENT)[0]
+    a, b = design_of(space, best.t)
+    np.testing.assert_allclose(a + b, CLOSEST + np.sum(reach), rtol=1e-4)
+    np.testing.assert_allclose(best.values[0] * mm, a + 2 * b + reach @ [1, 2], rtol=1e-6)
+    count = counted(wants, best.t, 2000)
+    assert count.goal <= best.values[0] * (1 + 1e-9)
+    assert count.goal > best.values[0] - 1e-2  # its corners are among what is counted
+
+
+def test_the_derivative_of_what_is_wanted_is_that_of_finite_differences():
+    for wanted in (Wanted("nominal", 0.5, 0.9), Wanted("expected", 0.5, None), Wanted("quantile", 0.8, None)):
+        wants, _ = toy(wanted, bent=0.5)
+        for look in (wants.by_expansion(), wants.by_samples()):
+            answer = wants.answer(look, 0.2)
+            t, h = np.array([0.45, 0.55]), 1e-5
+            slope = answer(t[None]).value_slopes[0]
+            for k in range(2):
+                up, down = (answer((t + sign * h * np.eye(2)[k])[None]).values[0] for sign in (1, -1))
+                np.testing.assert_allclose(slope[:, k], (up - down) / (2 * h), rtol=1e-3, atol=1e-5)
+
+
+def test_the_smoothed_yield_is_that_of_a_logistic_convolution_and_never_flat():
+    g = np.linspace(-3, 3, 20_001) - 0.4
+    for width in (0.3, 0.05):
+        share = 1 / (1 + np.exp(-float(smoothed_logit(jnp.asarray(g), jnp.asarray(width)))))
+        assert abs(share - np.mean(g <= 0)) < 1e-3  # an even density: smoothing changes nothing
+    slope = jax.jit(jax.grad(smoothed_logit))
+    for shift in (-50.0, 0.0, 50.0):  # every part good, some, none
+        total = float(jnp.sum(slope(jnp.asarray(g + shift), jnp.asarray(0.05))))
+        assert np.isfinite(total)
+        assert -1.01 / 0.05 < total < -0.1
+
+
+def test_order_statistics_are_weighted_about_the_quantile():
+    weights = quantile_weights(1000, 0.9)
+    x = norm.ppf((np.arange(1000) + 0.5) / 1000)
+    assert abs(np.sum(weights) - 1) < 1e-12
+    assert abs(x @ weights - norm.ppf(0.9)) < 5e-3
+    assert logit(0.5) == 0
+
+
+def test_numbers_scatter_as_they_are_said_to():
+    numbers = [
+        Scatter("a", 0.1),
+        Scatter("b", 0.2, distribution="uniform"),
+        Scatter("c", 0.3, distribution="lognormal"),
+    ]
+    joint = np.array([[1, 0.6, 0], [0.6, 1, 0], [0, 0, 1.0]])
+    scatters = Scatters(numbers, joint)
+    for s in (scatters.fresh(4000, 1), scatters.quasi_random(4096, 1)):
+        factors = 1 + np.array([0.1, 0.2, 0.3]) * s
+        assert kstest(factors[:, 0], norm(1, 0.1).cdf).pvalue > 1e-3
+        assert kstest(factors[:, 1], uniform(0.8, 0.4).cdf).pvalue > 1e-3
+        assert kstest(factors[:, 2], lognorm(0.3).cdf).pvalue > 1e-3
+        rank = 6 / np.pi * np.arcsin(0.6 / 2)  # Spearman's of a Gaussian copula
+        assert abs(spearmanr(factors[:, 0], factors[:, 1]).statistic - rank) < 0.05
+        assert abs(spearmanr(factors[:, 0], factors[:, 2]).statistic) < 0.05
+    with pytest.raises(InputError, match="contradict"):
+        Scatters(numbers, np.array([[1, 0.9, 0.9], [0.9, 1, -0.9], [0.9, -0.9, 1.0]]))
+
+
+def test_draws_scatter_together():
+    rng = np.random.default_rng(0)
+    values = np.array([2.0, 5.0]) + rng.normal(size=(3000, 2)) @ np.array([[0.3, 0.2], [0.0, 0.1]])
+    draws = Draws(("a", "b"), values)
+    for s in (Scatters([], draws=draws).quasi_random(1024, 0), Scatters([], draws=draws).fresh(8000, 0)):
+        again = draws.mean + draws.deviation * s
+        np.testing.assert_allclose(np.cov(again.T), np.cov(values.T), rtol=0.1)
+        np.testing.assert_allclose(np.mean(again, axis=0), draws.mean, atol=0.02)
+
+
+def test_an_expansion_is_exact_to_the_second_order_and_for_squares_times_another():
+    rng = np.random.default_rng(1)
+    h, g, mixed = rng.normal(size=(3, 3)), rng.normal(size=3), rng.normal(size=(2, 3))
+    h = h + h.T
+
+    def value(s, t):
+        return g @ s + 0.5 * s @ h @ s + t @ mixed @ s + t @ t + 0.3 * s[0] ** 2 * s[1] - 0.2 * s[2] ** 3
+
+    t, s = np.array([0.3, -0.2]), star(3)
+    values = np.array([[value(row, t)] for row in s])
+    third = np.stack([0.6 * s[:, 0] * s[:, 1], 0.3 * s[:, 0] ** 2, -0.6 * s[:, 2] ** 2], axis=1)
+    by_s = g + s @ h + t @ mixed + third
+    slopes = np.array([[np.concatenate([mixed @ row + 2 * t, own])] for row, own in zip(s, by_s, strict=True)])
+    expansion = expanded(values, slopes, 2)
+    other = rng.normal(size=(5, 3))
+    np.testing.assert_allclose(expansion.parts(other)[:, 0], [value(row, t) for row in other], rtol=1e-12)
+    np.testing.assert_allclose(expansion.slopes(other)[:, 0], other @ mixed.T + 2 * t, rtol=1e-12)
+
+
+def test_equal_cost_is_spent_where_it_helps():
+    """For a margin with variance sum (f_j d_j)^2, the best factors at sum 1 / f_j = m are as d_j^(-2/3)."""
+    d = np.array([1.0, 2.0, 0.5])
+    factors = allocation(lambda f: float(np.sum((f * d) ** 2)), 3)
+    expected = d ** (-2 / 3) * np.sum(d ** (2 / 3)) / 3
+    np.testing.assert_allclose(factors, expected, rtol=0.02)
+
+
+CONFIG = """
+[scene]
+type = "shell.FlatContact"
+distance_mm = 5
+
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+
+[scene.shell.material]
+type = "NeoHookean"
+mu_kPa = 175
+
+[design]
+starts = 4
+steps = 6
+finishes = 1
+
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 0.8
+high = 2
+
+[[design.variables]]
+name = "shell.a_mm"
+low = 10
+high = 20
+
+[[design.goals]]
+maximise = "force_N"
+at = { pressure_kPa = 12 }
+
+[[design.constraints]]
+keep = "stretch"
+at = { pressure_kPa = 12 }
+high = 1.11
+
+[design.uncertain]
+yield = 0.9
+
+[[design.uncertain.numbers]]
+name = "shell.t_m_mm"
+relative = 0.05
+
+[[design.uncertain.numbers]]
+name = "shell.material.mu_kPa"
+relative = 0.1
+
+[[design.uncertain.numbers]]
+name = "pressure_kPa"
+deviation = 0.4
+distribution = "uniform"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The run of the command on a shell; read by several tests."""
+    place = tmp_path_factory.mktemp("robust")
+    (place / "shell.toml").write_text(CONFIG)
+    return run_design(place / "shell.toml", place / "run", Console(quiet=True))
+
+
+def test_a_run_promises_what_plain_monte_carlo_counts(folder):
+    """The yield that was promised, and counted, is that of `sg.solve` with its own random numbers, rules on."""
+    result = json.loads((folder / "result.json").read_text())
+    robust = result["robust"]
+    assert robust["method"] == DERIVATIVES
+    assert robust["promise_holds"]
+    rng = np.random.default_rng(123)
+    z, off = rng.normal(size=(4000, 2)), rng.uniform(-0.4, 0.4, 4000) * kPa
+
+    def part(t_m, mu, a, pressure):
+        body = sg.FlatShell(a=a, b=43 * mm, t_m=t_m, material=sg.NeoHookean(mu=mu))
+        scene = sg.shell.FlatContact(body, distance=5 * mm)
+        solution = sg.solve(scene, pressure)
+        return solution.status, solution.stretch
+
+    for which, wanted in (("nominal_best", None), ("robust_best", 0.9)):
+        x = robust[which].get("variables") or result["best"]["variables"]
+        t_m, a = x["shell.t_m"] * (1 + 0.05 * z[:, 0]), x["shell.a"]
+        rows = (t_m, 175 * kPa * (1 + 0.1 * z[:, 1]), np.full(4000, a), 12 * kPa + off)
+        status, stretch = jax.jit(jax.vmap(part))(*map(jnp.asarray, rows))
+        share = float(np.mean((np.asarray(status) == Status.OK) & (np.asarray(stretch) <= 1.11)))
+        assert abs(share - robust[which]["yield"]) < 4 * np.sqrt(0.25 / 4000 if wanted is None else 0.09 / 4000)
+        if wanted:
+            assert abs(robust["yield_promised"] - wanted) < 0.01
+            assert abs(robust["yield_promised"] - robust[which]["yield"]) < 0.01
+    # The nominal best is at its limit: about half of its parts fail; some force is given up for the others.
+    assert 0.35 < robust["nominal_best"]["yield"] < 0.65
+    names = {path.name for path in folder.iterdir()}
+    assert {"robust.csv", "robust.png", "nominal_best.toml", "best.toml"} <= names
+    assert len(robust["tolerances"]) == 3
+
+
+def test_a_stopped_improvement_keeps_the_nominal_designs(tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optim.robust.run._improve", stop)
+    (tmp_path / "shell.toml").write_text(CONFIG)
+    with pytest.raises(KeyboardInterrupt):
+        run_design(tmp_path / "shell.toml", tmp_path / "run", Console(quiet=True))
+    result = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert result["stopped"]
+    assert result["best"]["feasible"]
+    assert "robust" not in result
+
+
+def test_solved_parts_and_expanded_ones_agree_on_a_shell(tmp_path):
+    """The same design has the same yield by both, and its derivatives by the design agree with finite differences."""
+    (tmp_path / "shell.toml").write_text(CONFIG)
+    read = settings.read(configs.load(tmp_path / "shell.toml"))
+    problem, uncertain = read.problem, read.uncertain
+    parts = problem_of_parts(problem, uncertain.scatters)
+    scales = problem.scales(np.array([1.0, 1.0]))
+    wants = Wants(Parts(parts), uncertain.scatters, Requirements(parts), uncertain.wanted, scales, samples=128)
+    t = np.array([0.45, 0.62])  # on the edge, about
+    by_samples, by_expansion = wants.answer(wants.by_samples(), 0.1), wants.answer(wants.by_expansion(), 0.1)
+    found, expected = by_samples(t[None]), by_expansion(t[None])
+    np.testing.assert_allclose(found.values[0, 1], expected.values[0, 1], atol=0.1)  # logit, 128 parts against 4096
+    h = 1e-5
+    rows = np.stack([t + h * np.eye(2)[0], t - h * np.eye(2)[0]])
+    up, down = by_samples(rows).values
+    np.testing.assert_allclose(found.value_slopes[0, :, 0], (up - down) / (2 * h), rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_parts_of_a_finger_that_are_counted_are_those_of_the_whole_way():
+    """By chords from parts nearby, and by `sg.solve` from zero load: the same parts, with a regulator that is off."""
+    read = settings.read(configs.load(ROOT / "configs" / "finger_tip_force_robust.toml"))
+    parts = Parts(problem_of_parts(read.problem, read.uncertain.scatters))
+    t, s = np.array([0.98, 0.6, 0.05, 0.45, 0.05]), read.uncertain.scatters.fresh(96, 7)
+    found, expected = parts.counted(t, s), parts.whole_way(t, s)
+    np.testing.assert_array_equal(found.statuses, expected.statuses)
+    assert np.sum(expected.shortfall == 0) > 80
+    np.testing.assert_allclose(found.values, expected.values, rtol=1e-6, atol=1e-9)
+
+
+def posterior(path, **columns):
+    """A file as a calibration writes it."""
+    data = xr.Dataset({name: (("chain", "draw"), values) for name, values in columns.items()})
+    data.to_netcdf(path, group="posterior", engine="h5netcdf", mode="w")
+
+
+def test_a_posterior_is_read_with_its_units(tmp_path):
+    rng = np.random.default_rng(3)
+    t_m = 1.2 + 0.05 * rng.normal(size=(2, 500))
+    posterior(tmp_path / "P.nc", **{"shell.material.mu_kPa": 220 - 100 * (t_m - 1.2), "noise": t_m})
+    text = CONFIG.replace('[[design.uncertain.numbers]]\nname = "shell.material.mu_kPa"\nrelative = 0.1\n', "")
+    (tmp_path / "shell.toml").write_text(text.replace("yield = 0.9", 'yield = 0.9\nposterior = "P.nc"'))
+    read = settings.read(configs.load(tmp_path / "shell.toml"))
+    draws = read.uncertain.scatters.draws
+    assert draws.names == ("shell.material.mu",)
+    assert abs(draws.mean[0] - 220 * kPa) < 1 * kPa
+    # The search begins from the posterior's mean.
+    assert abs(float(read.problem.space.scenes["scene"].shell.material.mu) - draws.mean[0]) < 1e-6
+    space = ScatteredSpace(read.problem.space, read.uncertain.scatters)
+    x = np.append(read.problem.space.reference, [0, 0, 2.0])
+    moved = space.scenes_at(jnp.asarray(x))["scene"]
+    np.testing.assert_allclose(moved.shell.material.mu, draws.mean[0] + 2 * draws.deviation[0], rtol=1e-12)
+
+
+BAD = [
+    ("relative = 0.05", "relative = 0.6", "shell.t_m_mm scatters as far as"),
+    ("relative = 0.05", "relative = -0.1", "relative of shell.t_m_mm is -0.1; it must be above zero."),
+    ("relative = 0.05", "relative = 0.05\ndeviation = 1", "shell.t_m_mm must have one of deviation and relative."),
+    ("shell.material.mu_kPa", "shell.material.nu_kPa", "nu_kPa"),
+    ("yield = 0.9", "yield = 1.5", "yield is 1.5; it must be between 0 and 1, both excluded."),
+    ("yield = 0.9", "yield = 0.9\nfront = [0]", "front is 0; it must be between 0 and 1, both excluded."),
+    ("yield = 0.9", 'goal = "quantile"\nquantile = 1', "quantile is 1; it must be between 0 and 1, both excluded."),
+    ("yield = 0.9", 'goal = "quantile"', "belong together"),
+    ("yield = 0.9", "seed = 1", "nothing is wanted of the parts"),
+    ("yield = 0.9", 'yield = 0.9\ngoal = "worst"', "leave out yield"),
+    ("yield = 0.9", 'yield = 0.9\nposterior = "none.nc"', "there is no posterior"),
+    ("yield = 0.9", 'yield = 0.9\nposterior = "other.nc"', "is of another scene: it holds L_mm"),
+    ("yield = 0.9", 'yield = 0.9\ncorrelations = [{ between = ["a", "b"], value = 0.1 }]', "does not scatter"),
+    ("starts = 4", "starts = 4\nfront = 5", "a front of goals is not robust"),
+    ("deviation = 0.4", 'relative = 0.4\ndistribution = "lognormal"\n#', None),
+    ('distribution = "uniform"', 'distribution = "lognormal"', "its deviation must be relative"),
+    ('name = "pressure_kPa"', 'name = "shell.t_m_mm"', "scatters twice"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "said"), BAD)
+def test_what_cannot_be_meant_is_one_sentence(tmp_path, old, new, said):
+    posterior(tmp_path / "other.nc", L_mm=np.random.default_rng(0).normal(size=(1, 10)))
+    (tmp_path / "bad.toml").write_text(CONFIG.replace(old, new, 1))
+    if said is None:
+        return
+    with pytest.raises(ConfigError) as error:
+        settings.read(configs.load(tmp_path / "bad.toml"))
+    sentence = str(error.value)
+    assert said in sentence
+    assert sentence.startswith(str(tmp_path))
+    assert sentence.endswith((".", "?"))
+    assert "\n" not in sentence
+
+
+def test_the_robust_configs_can_be_read():
+    for name in ("shell_grasp_robust", "finger_tip_force_robust", "finger_lift_robust"):
+        read = settings.read(configs.load(ROOT / "configs" / f"{name}.toml"))
+        assert read.uncertain is not None
+        assert read.uncertain.wanted.promised == 0.95
