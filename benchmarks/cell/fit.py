@@ -30,6 +30,10 @@ HERE = Path(__file__).parent
 SOURCES = ("finite elements", "fine", "coarse")
 WEIGHTS = (1.0, 1.0, 0.2)
 """Of a state of each source; finite elements count for less where a grid of them is one geometry's."""
+CROWD = 60
+"""States of one geometry by finite elements beyond which each counts for less: those of a grid are of one mind."""
+THESIS = 3.0
+"""How much more the straight and the free states of types A and E count, the fingers that the thesis built."""
 SPREAD = np.array([0.02, 0.05, 0.6 / B, 0.5 / B, 0.15 / B, 0.1 / B, 0.25 / B, 0.6 / B])
 """Of p / mu, phi and the six lengths over B: what a derivative is multiplied with."""
 SLOPES = (0.0, 0.2, 0.0)
@@ -117,8 +121,11 @@ class Data:
         floor = 0.01 * 0.15 * 4 * a * b * self.arm
         self.tolerance = self.blocked + floor + 0.3 * rims + 0.5 * far + 0.04 * EI * np.abs(self.k)
         per_fe = {g: np.sum((self.source == 0) & (self.geometry == g)) for g in np.unique(self.geometry)}
-        crowd = np.array([30 / max(per_fe[g], 30) for g in self.geometry])
+        crowd = np.array([CROWD / max(per_fe[g], CROWD) for g in self.geometry])
         self.weight = np.array(WEIGHTS)[self.source] * np.where(self.source == 0, np.sqrt(crowd), 1.0)
+        # Straight and free states are what is asked for: of the thesis's types they count more than those of the grid.
+        asked = (self.source == 0) & (np.abs(self.moment) < 1e-4 * self.blocked) | (phi == 0)
+        self.weight *= np.where(asked & (self.geometry < FIRST_CORNER) & (self.source == 0), THESIS, 1.0)
 
 
 class Numbers:
