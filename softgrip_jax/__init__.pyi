@@ -1,4 +1,5 @@
 from . import fidelity as fidelity
+from . import geometry as geometry
 from . import materials as materials
 from . import objects as objects
 from . import pneunet as pneunet
