@@ -120,7 +120,7 @@ class Solution(Batched):
 
     def mesh(self) -> Any:
         """The deformed gripper in space, a `geometry.Mesh`: triangles by parts, m; it writes .vtk, .stl and .obj."""
-        # Meshes know every kind of scene, and scenes know solutions: by name, so that no room needs another in a circle.
+        # Meshes know every kind of scene, and scenes know solutions: by name, no room needs another in a circle.
         return import_module(f"{__package__}.geometry").mesh(self)
 
     def __str__(self) -> str:

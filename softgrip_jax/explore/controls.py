@@ -152,7 +152,9 @@ def numbers_of(module: Any, before: str = "", names: tuple[str, ...] = ()) -> li
             mark = "" if entry is None else f"[{entry}]"
             low, high = value_range(now, rule, kind)
             name = (*names, key.name)
-            found.append(Number(f"{before}{key.key}{mark}", name, entry, kind, rule, docs.get(key.name, ""), now, low, high))
+            found.append(
+                Number(f"{before}{key.key}{mark}", name, entry, kind, rule, docs.get(key.name, ""), now, low, high)
+            )
     return found
 
 

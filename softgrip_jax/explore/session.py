@@ -1,7 +1,7 @@
-"""What one browser looks at: a scene with its sliders, what was asked last, the last good answer, and pinned designs.
+"""What one browser looks at: a scene with its sliders, what was asked last, the last good answer, pinned designs.
 
-Nothing of a browser is in here. The page calls `move`, `type_in`, `choose` and so on, each of which checks and returns a
-sentence where something is wrong; it hands `question()` to a thread, which takes the stages of `answer`.
+Nothing of a browser is in here. The page calls `move`, `type_in`, `choose` and so on; each returns a sentence where
+something is wrong. The page hands `question()` to a thread, which takes the stages of `answer`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..scene import Scene
 from ..units import DISPLAY, kPa, unit_key
 from .answers import CurveData, Helps, State, components, curve_of, helps_of, state_of
 from .code import solving
-from .controls import Choice, Number, as_config, choices_of, chosen, leaf_index, numbers_of, value_range, with_numbers
+from .controls import Number, as_config, choices_of, chosen, leaf_index, numbers_of, value_range, with_numbers
 
 PRESSURE = "pressure_kPa"
 FIRST_PRESSURE = 15 * kPa

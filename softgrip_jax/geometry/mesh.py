@@ -166,7 +166,7 @@ def _obj(mesh: Mesh) -> bytes:
     lines = ["# softgrip_jax, m", *(f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.points)]
     for k, name in enumerate(mesh.names):
         lines.append(f"g {name.replace(' ', '_')}")
-        lines += [f"f {i + 1} {j + 1} {l + 1}" for i, j, l in mesh.triangles[mesh.part == k]]
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.triangles[mesh.part == k] + 1]
     return ("\n".join(lines) + "\n").encode()
 
 
@@ -278,7 +278,10 @@ def _grasp(solution: Solution) -> Mesh:
     base, tip = float(scene.gripper.midline_radius()) / mm, touching_point(scene, line_of(solution))
     for k in range(scene.gripper.n):
         around = 2 * np.pi * k / scene.gripper.n
-        outward, sideways = np.array([np.cos(around), np.sin(around), 0]), np.array([-np.sin(around), np.cos(around), 0])
+        outward, sideways = (
+            np.array([np.cos(around), np.sin(around), 0]),
+            np.array([-np.sin(around), np.cos(around), 0]),
+        )
 
         def place(p: np.ndarray, outward=outward, sideways=sideways) -> np.ndarray:
             return (base + p[:, 1:2]) * outward - p[:, 2:] * sideways - p[:, :1] * np.array([0.0, 0.0, 1.0])

@@ -203,7 +203,7 @@ def _finger(solution: Solution) -> tuple[Section, ...]:
     if isinstance(scene, FingerScene) and scene.tip() is not None:
         tip = np.array([line["x"][-1], line["y"][-1]])
         force = float(solution.tip_force)
-        forces.append(Force(tip, tip + [0.0, -ARROW if force >= 0 else ARROW], _newton(force)))
+        forces.append(Force(tip, tip + np.array([0.0, -ARROW if force >= 0 else ARROW]), _newton(force)))
     return (Section("along the finger, x (mm)", "y (mm)", tuple(parts), tuple(forces)),)
 
 
@@ -385,7 +385,7 @@ def _energy_view(
         if on and "force" in solution.observables:
             where = np.concatenate(on)
             at = np.array([where[:, 0].mean(), where[:, 1].max()])
-            forces.append(Force(at, at + [0.0, ARROW], _newton(solution.force)))
+            forces.append(Force(at, at + np.array([0.0, ARROW]), _newton(solution.force)))
     return Section(label, HEIGHT, tuple(parts), tuple(forces))
 
 
