@@ -26,11 +26,11 @@ def require_extra() -> None:
 def run_explore(config: Path, scene: str | None, host: str, port: int, opens: bool) -> None:
     """Serve the explorer. The arguments are the options."""
     require_extra()
-    from ..explore.session import session_of_config
+    from ..explorer.session import session_of_config
 
     first = session_of_config(config, scene)
     typer.echo(f"{config}: {first.title()}; the first picture is being compiled", err=True)
-    from ..explore.serve import serve
+    from ..explorer.serve import serve
 
     def tell(address: str) -> None:
         typer.echo(f"The explorer is at {address} (Ctrl-C ends it).")

@@ -361,5 +361,5 @@ def mesh(solution: Solution) -> Mesh:
         raise InputError(f"There is no state to mesh: {Status(int(solution.status)).message}.")
     for kind, make in _MESHES.items():
         if isinstance(solution.scene, kind):
-            return make(jax.tree.map(np.asarray, solution))
+            return make(solution)
     raise InputError(f"There is no mesh of a {type(solution.scene).__name__} yet.")

@@ -52,8 +52,9 @@ POINTS = 301
 """Points on a membrane."""
 ARROW, WITHIN = 14.0, 0.75
 """mm: length of the arrow of a force, whatever its size; at most this part of the object's radius."""
-TOUCHES = 0.01
-"""A point of a membrane counts as touching where it is nearer to the object than this part of its thickness."""
+TOUCHES, ENERGY_TOUCHES = 1e-4, 0.02
+"""A point of a membrane counts as touching where it is nearer to the object than this part of its thickness: arcs lie
+exactly on it, the energy membrane between its contact points nearly so."""
 GRID = (161, 81)
 """Points along and up, between which the outline of an object is interpolated that is known by its distance."""
 
@@ -132,7 +133,7 @@ def sections(solution: Solution) -> tuple[Section, ...]:
         raise InputError(f"There is no state to draw: {Status(int(solution.status)).message}.")
     for kind, draw in _VIEWS.items():
         if isinstance(solution.scene, kind):
-            return draw(jax.tree.map(np.asarray, solution))
+            return draw(solution)
     raise InputError(f"There is no picture of a {type(solution.scene).__name__} yet.")
 
 
@@ -178,7 +179,7 @@ def _finger_parts(solution: Solution, where: Callable[[np.ndarray], np.ndarray])
         if previous is not None:
             # Where a wall lies on the one before it both faces are at one place.
             near = chamber.near_clamp[:, None] - previous[None]
-            touching = np.min(np.hypot(near[..., 0], near[..., 1]), axis=1) < TOUCHES * place.wall
+            touching = np.min(np.hypot(near[..., 0], near[..., 1]), axis=1) < 10 * TOUCHES * place.wall
             parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touching)]
         previous = chamber.near_tip
     parts.append(Outline("cover", where(band(line, thickness))))
@@ -380,7 +381,7 @@ def _energy_view(
     if scene.body is not None:
         places = np.zeros((len(face), 3))
         places[:, axis], places[:, 2] = face.T
-        on = runs(face, np.asarray(_distances(scene.body, jnp.asarray(places * mm))) / mm < TOUCHES * thickness)
+        on = runs(face, np.asarray(_distances(scene.body, jnp.asarray(places * mm))) / mm < ENERGY_TOUCHES * thickness)
         parts += [Outline("contact", run) for run in on]
         if on and "force" in solution.observables:
             where = np.concatenate(on)

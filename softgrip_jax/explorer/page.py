@@ -57,7 +57,7 @@ let gone = false;
 document.documentElement.lang = 'en';
 setInterval(async () => {
   try {
-    await fetch(window.location.href, {method: 'HEAD', cache: 'no-store'});
+    await fetch('/alive', {cache: 'no-store'});
     if (gone) window.location.reload();
   } catch {
     gone = true;

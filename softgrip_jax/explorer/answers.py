@@ -16,9 +16,10 @@ import numpy as np
 from ..commands.programs import QUICKLY, program
 from ..geometry import Section, has_sections, sections
 from ..questions import _branch, _limit_pressure, _pressure_for, to_reach, to_solve
+from ..reasons import Reason
 from ..results import Solution, Status, in_units
 from ..scene import Scene, equilibrium
-from ..units import DISPLAY
+from ..units import DISPLAY, kPa
 from .model_error import model_error
 
 CURVE_POINTS = 60
@@ -114,6 +115,8 @@ class CurveData:
     """Pa; inf where there is none."""
     contact: float | None
     """The first pressure, Pa, with a state that touches; None where that is no pressure at all."""
+    end: str
+    """What the curve ends with: its limit, or the rule that states behind it break."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -130,7 +133,6 @@ def state_of(scene: Scene, pressure: float | None) -> State:
         solution = programs(_pressure_for, *to_reach(scene))
     else:
         solution = programs(equilibrium, *to_solve(scene, pressure))
-    solution = jax.tree.map(np.asarray, solution)
     status = Status(int(solution.status))
     ok = status is Status.OK
     known = sorted(((n, float(m)) for n, m in solution.margins.items() if np.isfinite(m)), key=lambda pair: pair[1])
@@ -172,7 +174,11 @@ def curve_of(scene: Scene, observable: str) -> CurveData:
     contact = float(pressure[touching][0]) if touching.any() and pressure[touching][0] > 0 else None
     top = int(np.argmax(np.where(shown, pressure, -1.0)))
     stable = np.arange(len(pressure)) <= top if np.isfinite(limit) else np.ones(len(pressure), bool)
-    return CurveData(observable, pressure[shown], value[shown], stable[shown], float(limit), contact)
+    end = f"limit {float(limit) / kPa:.4g} kPa" if np.isfinite(limit) else ""
+    if shown.any() and not np.isclose(pressure[top], limit, rtol=1e-3) and top + 1 < len(pressure):
+        reason = Reason(int(np.asarray(branch.reason)[top + 1]))
+        end = f"{reason.name.lower()} from {pressure[top] / kPa:.4g} kPa"
+    return CurveData(observable, pressure[shown], value[shown], stable[shown], float(limit), contact, end)
 
 
 def helps_of(scene: Scene, pressure: float, observable: str, keys: list[str], places: list[int]) -> Helps:

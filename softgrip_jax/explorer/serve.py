@@ -92,6 +92,7 @@ def server_of(make: Callable[[], Session], host: str, port: int) -> tuple[Any, s
         token = secrets.token_urlsafe(24)
         options["auth_provider"] = Token(token)
         address += f"?token={token}"
+
     def page() -> Any:  # Panel takes plain functions only
         return page_of(make)
 
@@ -102,6 +103,7 @@ def server_of(make: Callable[[], Session], host: str, port: int) -> tuple[Any, s
         websocket_origin=origins,
         title="softgrip explore",
         show=False,
+        liveness="alive",
         start=False,
         **options,
     )

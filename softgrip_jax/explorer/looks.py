@@ -177,6 +177,7 @@ class CurveView:
             active_scroll=None,
             active_drag=None,
             x_axis_label="pressure (kPa)",
+            y_range=DataRange1d(range_padding=0.15),
             sizing_mode="stretch_width",
             height=280,
             min_width=200,
@@ -211,8 +212,8 @@ class CurveView:
         self.stable.data = {"x": x[:last].tolist(), "y": y[:last].tolist()}
         self.unstable.data = {"x": x[max(last - 1, 0) :].tolist(), "y": y[max(last - 1, 0) :].tolist()}
         marks: dict[str, list] = {"x": [], "y": [], "text": []}
-        if np.isfinite(curve.limit) and last:
-            marks = {"x": [x[last - 1]], "y": [y[last - 1]], "text": [f"limit {curve.limit / kPa:.4g} kPa"]}
+        if curve.end and last:
+            marks = {"x": [x[last - 1]], "y": [y[last - 1]], "text": [curve.end]}
         if curve.contact is not None and len(x):
             marks["x"].append(curve.contact / kPa)
             marks["y"].append(y[0])
