@@ -25,6 +25,7 @@ from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.quantities import AT_REST, solution_at
+from softgrip_jax.report.run import write_report
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.spread import Spread
@@ -71,6 +72,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         with DeferInterrupt() as writing:
             report(result, console)  # at once: pictures take a while
             _write(folder, given, read, wanted, result)
+            write_report(folder, final.name)
     command = next_command(wanted.problem, final / "best.toml", result.best)
     console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:

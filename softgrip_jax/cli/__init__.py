@@ -23,6 +23,7 @@ from ..plausible import units_are_stated
 from . import ending
 from . import explore as explore
 from . import files as files
+from . import report as report
 from . import runs as runs
 from . import scenes as scenes
 from .app import FAULT as FAULT
@@ -41,6 +42,7 @@ ORDER = (
     "sensitivity",
     "design",
     "calibrate",
+    "report",
     "reproduce",
     "schema",
 )

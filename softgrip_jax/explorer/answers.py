@@ -15,12 +15,12 @@ import numpy as np
 
 from ..commands.programs import QUICKLY, program
 from ..geometry import Section, has_sections, sections
+from ..model_error import model_error
 from ..questions import _branch, _limit_pressure, _pressure_for, to_reach, to_solve
 from ..reasons import Reason
 from ..results import Solution, Status, in_units
 from ..scene import Scene, equilibrium
 from ..units import DISPLAY, kPa
-from .model_error import model_error
 
 CURVE_POINTS = 60
 """Points of a curve through its limit."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .. import pneunet, shell
-from ..shell.energy.scene import EnergyScene
+from . import pneunet, shell
+from .shell.energy.scene import EnergyScene
 
 FREE = {
     "arc": "13 to 15 % less than finite elements, 5 to 17.5 kPa",
