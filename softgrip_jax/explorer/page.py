@@ -57,7 +57,7 @@ let gone = false;
 document.documentElement.lang = 'en';
 setInterval(async () => {
   try {
-    await fetch('/alive', {cache: 'no-store'});
+    await fetch('/alive', {cache: 'no-store', signal: AbortSignal.timeout(3000)});
     if (gone) window.location.reload();
   } catch {
     gone = true;
@@ -180,7 +180,7 @@ class Page:
         self.compared = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.code = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.models = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
-        self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=320)
+        self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
         self.tabs = self._tabs()
         self._is_shown = False
         self._fill_controls()
@@ -246,9 +246,9 @@ class Page:
         compare.on_click(lambda event: self.in_background(self._compare_models))
         self.model.param.watch(self._model_chosen, "value")
         tabs = pn.Tabs(
-            ("Pins", pn.Column(pn.Row(pin, unpin), self.compared, sizing_mode="stretch_width")),
+            ("Pins", pn.Column(pn.FlexBox(pin, unpin), self.compared, sizing_mode="stretch_width")),
             ("Out", pn.Column(pn.FlexBox(*out), self.code, sizing_mode="stretch_width")),
-            ("Models", pn.Column(pn.Row(compare, self.model), self.models, sizing_mode="stretch_width")),
+            ("Models", pn.Column(pn.FlexBox(compare, self.model), self.models, sizing_mode="stretch_width")),
             sizing_mode="stretch_width",
         )
         for name, point in plugins.found(TABS).items():
