@@ -7,6 +7,7 @@ from pathlib import Path
 from playwright.sync_api import sync_playwright
 
 import softgrip_jax as sg
+from softgrip_jax.commands import programs
 from softgrip_jax.units import kPa
 
 IMAGES = Path(__file__).parent / "images"
@@ -29,7 +30,7 @@ def latencies(page, moves=MOVES):
 
 
 def main():
-    sg.enable_cache()
+    programs.settings()  # programs are kept and compiled as by the command
     scene = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"))
     served = sg.explore(scene, 30 * kPa, opens=False)
     with sync_playwright() as driver:

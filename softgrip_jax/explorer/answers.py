@@ -67,8 +67,8 @@ class Programs:
         leaves, structure = jax.tree.flatten(args)
         words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
         key = (function, structure, words, tuple(np.shape(leaf) for leaf in leaves))
-        with self._lock:
-            if key not in self._kept:
+        if key not in self._kept:  # what is compiled already never waits for what is being compiled
+            with self._lock:
                 self._kept[key] = program(function, *args, options=QUICKLY)
         return self._kept[key](*args)
 

@@ -177,7 +177,7 @@ class CurveView:
             active_scroll=None,
             active_drag=None,
             x_axis_label="pressure (kPa)",
-            y_range=DataRange1d(range_padding=0.15),
+            y_range=DataRange1d(range_padding=0.3),
             sizing_mode="stretch_width",
             height=280,
             min_width=200,
@@ -188,7 +188,7 @@ class CurveView:
         self.figure.line("x", "y", source=self.stable, line_color=BLUE, line_width=2.2)
         self.figure.line("x", "y", source=self.unstable, line_color=BLUE, line_width=2.0, line_dash="dashed")
         self.figure.scatter("x", "y", source=self.marks, size=9, marker="diamond", color=GREEN)
-        labels = LabelSet(x="x", y="y", text="text", source=self.marks, x_offset=-6, y_offset=4, text_font_size="11px")
+        labels = LabelSet(x="x", y="y", text="text", source=self.marks, x_offset=-6, y_offset=6, text_font_size="11px")
         labels.text_align, labels.text_color = "right", "#005A43"
         self.figure.add_layout(labels)
         point = self.figure.scatter("x", "y", source=self.now, size=14, color=VERMILION, line_color="white")

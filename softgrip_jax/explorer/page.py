@@ -21,7 +21,7 @@ from .answers import CurveData, Helps, State
 from .controls import Choice, Number
 from .latest import Latest
 from .looks import CurveView, HelpView, View, space_figure
-from .session import PRESSURE, Question, Session, answer
+from .session import PRESSURE, Question, Session, first_answer, further_answers
 
 TABS = "softgrip_jax.explorer_tabs"
 """The group of entry points of further tabs, named by their titles: functions from a `Page` to what Panel shows."""
@@ -185,7 +185,13 @@ class Page:
         self._is_shown = False
         self._fill_controls()
         self.say("compiling the first picture ...")
-        self.work: Latest[Question] = Latest(answer, self._deliver, self._failed)
+        # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
+        self.work: Latest[Question] = Latest(first_answer, self._deliver, self._failed)
+        self.further: Latest[tuple[Question, State]] = Latest(
+            further_answers,
+            lambda asked, stage: self._deliver(asked[0], stage),
+            lambda asked, error: self._failed(asked[0], error),
+        )
         self.layout = self._layout()
         self.ask()
 
@@ -416,6 +422,8 @@ class Page:
     def _deliver(self, question: Question, stage: Any) -> None:
         self.session.take(stage)
         self.later(partial(self._show, question, stage))
+        if isinstance(stage, State):
+            self.further.ask((question, stage))
 
     def _failed(self, question: Question, error: Exception) -> None:
         sentence = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
@@ -525,5 +533,10 @@ def page_of(make: Callable[[], Session]) -> Any:
     if document is not None:
         document.title = "softgrip explore"
         document.js_on_event("document_ready", CustomJS(code=GONE))
-        document.on_session_destroyed(lambda context: page.work.close())
+
+        def end(context: Any) -> None:
+            page.work.close()
+            page.further.close()
+
+        document.on_session_destroyed(end)
     return page.layout

@@ -283,20 +283,31 @@ def scene_of(question: Question) -> Scene:
     return with_numbers(question.scene, list(question.numbers), question.values)
 
 
-def answer(question: Question) -> Iterator[State | CurveData | Helps | str]:
-    """The stages of an answer: the state with its picture first, then the curve, then what would help."""
+def first_answer(question: Question) -> Iterator[State | str]:
+    """The state with its picture, or a sentence where the numbers do not go together."""
     try:
-        scene = scene_of(question)
-        state = state_of(scene, question.pressure)
+        yield state_of(scene_of(question), question.pressure)
     except InputError as error:
         yield str(error)
-        return
-    yield state
+
+
+def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps]:
+    """What follows a state: the curve, then what would help."""
+    question, state = asked
+    scene = scene_of(question)
     yield curve_of(scene, question.observable)
     if state.ok:
         numbers = list(question.numbers)
         keys = [number.key for number in numbers]
         yield helps_of(scene, state.pressure, question.observable, keys, leaf_index(scene, numbers))
+
+
+def answer(question: Question) -> Iterator[State | CurveData | Helps | str]:
+    """All stages of an answer, one after the other."""
+    for stage in first_answer(question):
+        yield stage
+        if isinstance(stage, State):
+            yield from further_answers((question, stage))
 
 
 def session_of_config(path: Path, name: str | None = None) -> Session:
