@@ -24,7 +24,7 @@ def main():
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.goto(served.address)
         page.wait_for_selector(".bk-Figure canvas", timeout=120_000)
-        page.wait_for_timeout(12_000)
+        page.wait_for_timeout(60_000)  # until the curve and the bars are compiled, too
         page.screenshot(path=IMAGES / "explorer.png")
         browser.close()
     served.stop()
