@@ -1,4 +1,5 @@
 from . import fidelity as fidelity
+from . import geometry as geometry
 from . import materials as materials
 from . import objects as objects
 from . import pneunet as pneunet
@@ -9,6 +10,7 @@ from . import units as units
 from ._version import __version__ as __version__
 from .cache import enable_cache as enable_cache
 from .errors import UnitWarning as UnitWarning
+from .explorer import explore as explore
 from .materials import Gent as Gent
 from .materials import MooneyRivlin as MooneyRivlin
 from .materials import NeoHookean as NeoHookean

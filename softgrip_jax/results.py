@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 from functools import partial
+from importlib import import_module
 from typing import Any, ClassVar
 
 import jax
@@ -116,6 +117,11 @@ class Solution(Batched):
         for _ in range(self.status.ndim):
             one = jax.vmap(one)
         return one(self.scene, self.unknowns, self.pressure)
+
+    def mesh(self) -> Any:
+        """The deformed gripper in space, a `geometry.Mesh`: triangles by parts, m; it writes .vtk, .stl and .obj."""
+        # Meshes know every kind of scene, and scenes know solutions: by name, no room needs another in a circle.
+        return import_module(f"{__package__}.geometry").mesh(self)
 
     def __str__(self) -> str:
         if self.status.ndim:

@@ -239,6 +239,7 @@ low = 1.2
         "designs.csv",
         "designs",
         "front.png",
+        "report.html",
         "result.json",
     }
     kept = optim.load_run(out)

@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 import softgrip_jax as sg
 from softgrip_jax import plots
-from softgrip_jax.plots import walls
+from softgrip_jax.geometry import walls
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
 from softgrip_jax.solvers.path_limits import branch_marks
 from softgrip_jax.study.dataset import DESIGN

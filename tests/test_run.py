@@ -29,6 +29,7 @@ FILES = {
     "result.json",
     "before_after.png",
     "convergence.png",
+    "report.html",
 }
 
 

@@ -27,6 +27,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
+from softgrip_jax.report.run import write_report
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
@@ -59,6 +60,7 @@ def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spre
             findings = findings if findings.stopped else with_rival(findings, table.starts, table.seed, tell)
         with DeferInterrupt() as writing:
             _write(folder, given, read, findings)
+            write_report(folder, final.name)
     report(findings, console)
     command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
     console.print(summary("fit", final, command), soft_wrap=True)

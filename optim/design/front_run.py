@@ -17,6 +17,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.errors import located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import stages
+from softgrip_jax.report.run import write_report
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -41,6 +42,7 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
             )
         with DeferInterrupt() as writing:
             _write(folder, given, wanted, front)
+            write_report(folder, final.name)
     report(front, console)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")

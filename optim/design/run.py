@@ -27,6 +27,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import stages
 from softgrip_jax.quantities import AT_REST, solution_at
+from softgrip_jax.report.run import write_report
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.spread import Spread
@@ -89,6 +90,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
                 robust_report.tell(wanted.problem, result, robust, console)
                 robust_report.write(folder, wanted.problem, result, robust)
             _write(folder, given, read, wanted, result, robust)
+            write_report(folder, final.name)
     command = next_command(wanted.problem, final / "best.toml", result.best)
     console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:

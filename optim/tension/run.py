@@ -35,6 +35,7 @@ from softgrip_jax.config.keys import Table
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import stages
+from softgrip_jax.report.run import write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
@@ -93,6 +94,7 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
         _write_table(folder / "materials.csv", found)
         (folder / "result.json").write_text(json.dumps(_summary(found, remarks), indent=2), encoding="utf-8")
         draw(found, folder / "fit.png")
+        write_report(folder, final.name)
     report(found, remarks, console)
     command = 'material = "material.toml" in a config in this folder.'
     console.print(summary("fit", final, command), soft_wrap=True)

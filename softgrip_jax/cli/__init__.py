@@ -21,7 +21,9 @@ from ..commands import programs
 from ..errors import InputError
 from ..plausible import units_are_stated
 from . import ending, profile
+from . import explore as explore
 from . import files as files
+from . import report as report
 from . import runs as runs
 from . import scenes as scenes
 from .app import FAULT as FAULT
@@ -30,7 +32,20 @@ from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
-ORDER = ("new", "solve", "path", "sweep", "summary", "sensitivity", "design", "calibrate", "reproduce", "schema")
+ORDER = (
+    "new",
+    "solve",
+    "path",
+    "explore",
+    "sweep",
+    "summary",
+    "sensitivity",
+    "design",
+    "calibrate",
+    "report",
+    "reproduce",
+    "schema",
+)
 """Of the commands in `softgrip --help`: from the first steps on; others follow."""
 
 

@@ -72,6 +72,7 @@ def path(
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write a table: one row per pressure.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Write a picture of the curve to this file.")] = None,
     animate: Annotated[Path | None, typer.Option(help="Write the scene under rising pressure to this GIF.")] = None,
+    page: Annotated[Path | None, typer.Option("--report", help="Write a report to this HTML file.")] = None,
 ) -> None:
     """Follow one scene through a range of pressures: a table, a picture, an animation.
 
@@ -86,6 +87,6 @@ def path(
     """
     from ..commands.path import run_path
 
-    options = (observable, scene, as_json, csv_file, plot, animate)
+    options = (observable, scene, as_json, csv_file, plot, animate, page)
     if not run_path(config, from_kpa, to_kpa, points, through_limit, *options):
         raise typer.Exit(NO_ANSWER)

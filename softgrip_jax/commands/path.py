@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shlex
 import sys
 from contextlib import nullcontext
 from pathlib import Path
@@ -36,6 +37,7 @@ def run_path(
     csv_file: Path | None,
     plot: Path | None,
     animate: Path | None,
+    page: Path | None = None,
 ) -> bool:
     """Follow the scene of a config and report; returns whether any row has a state. The arguments are the options."""
     import numpy as np
@@ -49,6 +51,7 @@ def run_path(
         (csv_file, "--csv", (".csv",)),
         (plot, "--plot", PICTURES),
         (animate, "--animate", (".gif",)),
+        (page, "--report", (".html",)),
     ):
         if file is not None:
             check_file(file, option, endings)
@@ -93,7 +96,7 @@ def run_path(
         tell_file("The table", csv_file, as_json)
     if as_json:
         typer.echo(json.dumps(batch_as_data(curve), indent=2, allow_nan=False))
-    elif csv_file is None and plot is None and animate is None:
+    elif csv_file is None and plot is None and animate is None and page is None:
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
     if not good.any() and not stopped:
@@ -104,6 +107,17 @@ def run_path(
 
         write_whole(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
         tell_file("The picture", plot, as_json)
+    if page is not None:
+        from ..report.run import report_of_curve
+
+        options = ["--from-kPa", f"{first / kPa:.12g}", "--to-kPa", f"{last / kPa:.12g}", "--points", str(points)]
+        options += ["--through-limit"] if through_limit else []
+        words = shlex.join(["softgrip", "path", str(config), *options, *(["--scene", scene] if scene else [])])
+        text = report_of_curve(
+            header, rows, config, words, plot if plot and plot.suffix == ".png" and good.any() else None
+        )
+        write_whole(page, text.encode())
+        tell_file("The report", page, as_json)
     if stopped:
         print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
         raise KeyboardInterrupt

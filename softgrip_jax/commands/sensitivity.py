@@ -30,6 +30,7 @@ from ..folders import contents, new_folder
 from ..parameters import Parameter
 from ..progress import stages
 from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
+from ..report.run import write_report
 from ..results import Status, in_units
 from ..study import sensitivity
 from ..tables import Table as PrintedTable
@@ -105,6 +106,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
         data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
         _write(folder, data)
         _draw(folder, data)
+        write_report(folder, final.name)
     report(data, console)
     console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
     return final

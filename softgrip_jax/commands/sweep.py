@@ -41,6 +41,7 @@ from ..parameters import Parameter
 from ..progress import LINE_SECONDS
 from ..quantities import State, solution_at
 from ..reasons import Reason
+from ..report.run import write_report
 from ..results import Status
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
@@ -265,6 +266,7 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
                 draw(data, folder / "study.png")
             if where.csv:
                 write_whole(folder / "study.csv", lambda path: write_csv(data, path))
+            write_report(folder)
         told = tell(data, console)
         reasons = why_nothing(study, data)
     if folder is not None:

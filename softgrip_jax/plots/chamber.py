@@ -13,12 +13,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
+from ..geometry.walls import ARC_POINTS, pressed_outline, wall_behind
 from ..pneunet.wall.arc import Chamber
 from ..results import Solution
 from ..units import mm
 from .figures import BLUE, BODY, VERMILION, paints
 from .finger import GREY, PALE
-from .walls import ARC_POINTS, pressed_outline, wall_behind
 
 UNLOADED, TOUCHING = "without pressure", "when they begin to touch"
 

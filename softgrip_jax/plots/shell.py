@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Polygon, Rectangle
 
+from ..geometry.walls import thick
 from ..results import Solution
 from ..shell.arc.cylinder import AxialOffset, CylinderContact
 from ..shell.arc.flat import FlatContact
@@ -17,7 +18,6 @@ from ..shell.arc.inclined import InclinedContact
 from ..shell.flat_shell import ShellScene
 from ..units import mm
 from .figures import BLUE, BODY, OBJECT_EDGE, OBJECT_FACE, paints
-from .walls import thick
 
 RIM = 4.0
 """mm of the rigid shell that a picture shows around and under the membrane."""

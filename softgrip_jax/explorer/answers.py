@@ -1,0 +1,204 @@
+"""The answers to a state of the sliders, stage by stage: the state with its picture, the curve, what would help.
+
+Everything is values in, plain data out; a page draws it. Programs are compiled once per kind of scene and kept.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..commands.programs import QUICKLY, program
+from ..geometry import Section, has_sections, sections
+from ..model_error import model_error
+from ..questions import _branch, _limit_pressure, _pressure_for, to_reach, to_solve
+from ..reasons import Reason
+from ..results import Solution, Status, in_units
+from ..scene import Scene, equilibrium
+from ..units import DISPLAY, kPa
+
+CURVE_POINTS = 60
+"""Points of a curve through its limit."""
+BEYOND = 1.3
+"""A curve without a limit is shown to this many times the pressure of the state."""
+
+
+@jax.jit
+def curve_to_limit(scene: Scene) -> tuple[Any, Solution]:
+    """The limit pressure, and the branch through it."""
+    return _limit_pressure(scene), _branch(scene, CURVE_POINTS)
+
+
+def _numbers_at(scene: Scene, pressure: Any) -> dict[str, Any]:
+    return equilibrium(scene, pressure).observables
+
+
+@jax.jit
+def slopes_at(scene: Scene, pressure: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Observables at a pressure, their derivatives by every number of the scene, in the order of its leaves, and by the
+    pressure."""
+    leaves, structure = jax.tree.flatten(scene)
+
+    def observed(leaves, pressure):
+        return _numbers_at(jax.tree.unflatten(structure, leaves), pressure)
+
+    slopes = jax.jacfwd(observed, argnums=(0, 1))(leaves, pressure)
+    by_pressure = {name: by[1] for name, by in slopes.items()}
+    flat = {
+        name: jnp.concatenate([jnp.reshape(d, (*jnp.shape(by[1]), -1)) for d in by[0]], axis=-1)
+        for name, by in slopes.items()
+    }
+    return observed(leaves, pressure), flat, by_pressure
+
+
+class Programs:
+    """Compiled programs by question and kind of scene; one for all browsers."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Any, Any] = {}
+        self._lock = threading.Lock()
+
+    def __call__(self, function: Any, *args: Any) -> Any:
+        leaves, structure = jax.tree.flatten(args)
+        words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
+        key = (function, structure, words, tuple(np.shape(leaf) for leaf in leaves))
+        if key not in self._kept:  # what is compiled already never waits for what is being compiled
+            with self._lock:
+                self._kept[key] = program(function, *args, options=QUICKLY)
+        return self._kept[key](*args)
+
+
+programs = Programs()
+
+
+@dataclasses.dataclass(frozen=True)
+class Row:
+    """An observable of a state, as people read it."""
+
+    name: str
+    text: str
+    error: str
+    """How far the model is from finite elements, where that is known."""
+
+
+@dataclasses.dataclass(frozen=True)
+class State:
+    """A state with its picture."""
+
+    ok: bool
+    message: str
+    """Where it is not OK, why and by how much."""
+    pressure: float
+    """Pa."""
+    rows: tuple[Row, ...]
+    margins: tuple[tuple[str, float], ...]
+    """Rule and margin, m, the least first."""
+    sections: tuple[Section, ...]
+    solution: Solution
+
+
+@dataclasses.dataclass(frozen=True)
+class CurveData:
+    """An observable over the pressure, from no pressure through the limit: Pa and SI."""
+
+    observable: str
+    pressure: np.ndarray
+    value: np.ndarray
+    stable: np.ndarray
+    """Before the limit."""
+    limit: float
+    """Pa; inf where there is none."""
+    contact: float | None
+    """The first pressure, Pa, with a state that touches; None where that is no pressure at all."""
+    end: str
+    """What the curve ends with: its limit, or the rule that states behind it break."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Helps:
+    """Elasticities of an observable: how many per cent it changes for one per cent of each number; largest first."""
+
+    observable: str
+    bars: tuple[tuple[str, float], ...]
+
+
+def state_of(scene: Scene, pressure: float | None) -> State:
+    """The state of a scene at a pressure (Pa), or where it does its own task."""
+    if pressure is None:
+        solution = programs(_pressure_for, *to_reach(scene))
+    else:
+        solution = programs(equilibrium, *to_solve(scene, pressure))
+    status = Status(int(solution.status))
+    ok = status is Status.OK
+    known = sorted(((n, float(m)) for n, m in solution.margins.items() if np.isfinite(m)), key=lambda pair: pair[1])
+    rows = [
+        Row(name, in_units(solution.observables[name], kind), model_error(scene, name))
+        for name, kind in solution.scene.OBSERVABLES.items()
+    ]
+    drawn = sections(solution) if ok and has_sections(solution.scene) else ()
+    message = "" if ok else f"{status.name}: {solution.reason_text()}"
+    return State(ok, message, float(solution.pressure), tuple(rows), tuple(known), drawn, solution)
+
+
+def components(scene: Scene) -> dict[str, tuple[str, int | None, str]]:
+    """What curves can show: key -> (observable, component of a point, kind)."""
+    found: dict[str, tuple[str, int | None, str]] = {}
+    for name, kind in scene.prepared().OBSERVABLES.items():
+        if kind == "position":
+            found |= {f"{name}.x": (name, 0, "length"), f"{name}.y": (name, 1, "length")}
+        else:
+            found[name] = (name, None, kind)
+    return found
+
+
+def part_of(observables: dict[str, Any], name: str, component: int | None) -> np.ndarray:
+    """An observable, or a component of a point, over a batch."""
+    value = np.asarray(observables[name])
+    return value if component is None else value[..., component]
+
+
+def curve_of(scene: Scene, observable: str) -> CurveData:
+    """The curve of an observable through the limit."""
+    name, component, _ = components(scene)[observable]
+    limit, branch = programs(curve_to_limit, to_solve(scene, 0.0)[0])
+    status, pressure = np.asarray(branch.status), np.asarray(branch.pressure)
+    value = part_of(branch.observables, name, component)
+    shown = (status <= Status.NO_CONTACT) & np.isfinite(value)
+    touching = status == Status.OK
+    # A branch begins where something is first touched, or where pressure begins to act.
+    contact = float(pressure[touching][0]) if touching.any() and pressure[touching][0] > 0 else None
+    top = int(np.argmax(np.where(shown, pressure, -1.0)))
+    stable = np.arange(len(pressure)) <= top if np.isfinite(limit) else np.ones(len(pressure), bool)
+    end = f"limit {float(limit) / kPa:.4g} kPa" if np.isfinite(limit) else ""
+    if shown.any() and not np.isclose(pressure[top], limit, rtol=1e-3) and top + 1 < len(pressure):
+        reason = Reason(int(np.asarray(branch.reason)[top + 1]))
+        end = f"{reason.name.lower()} from {pressure[top] / kPa:.4g} kPa"
+    return CurveData(observable, pressure[shown], value[shown], stable[shown], float(limit), contact, end)
+
+
+def helps_of(scene: Scene, pressure: float, observable: str, keys: list[str], places: list[int]) -> Helps:
+    """Elasticities at a pressure (Pa) by the numbers of these keys, whose places among the scene's leaves are given."""
+    name, component, _ = components(scene)[observable]
+    values, slopes, by_pressure = programs(slopes_at, *to_solve(scene, pressure))
+    value = float(part_of(values, name, component))
+    if not np.isfinite(value) or value == 0:
+        return Helps(observable, ())
+    slope = np.asarray(slopes[name])
+    slope = slope if component is None else slope[component]
+    now = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(scene)])
+    bars = [(key, float(slope[k] * now[k] / value)) for key, k in zip(keys, places, strict=True) if now[k] != 0]
+    bars.append(("pressure", float(part_of(by_pressure, name, component)) * pressure / value))
+    bars = [bar for bar in bars if np.isfinite(bar[1])]
+    return Helps(observable, tuple(sorted(bars, key=lambda bar: -abs(bar[1]))))
+
+
+def with_unit(observable: str, kind: str) -> str:
+    """'tip force (N)'."""
+    label = DISPLAY[kind][0]
+    words = observable.replace("_", " ")
+    return f"{words} ({label})" if label else words

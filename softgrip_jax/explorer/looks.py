@@ -1,0 +1,309 @@
+"""How a page draws sections, curves and elasticities: Bokeh figures that are filled again and again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.events import Tap
+from bokeh.models import (
+    ColumnDataSource,
+    CustomJS,
+    DataRange1d,
+    FactorRange,
+    HoverTool,
+    LabelSet,
+    PanTool,
+    PointDrawTool,
+    ResetTool,
+    SaveTool,
+    Span,
+    TapTool,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure
+
+from ..geometry import Force, Section
+from ..geometry.sections import LINES, ROLES
+from ..units import DISPLAY, kPa
+from .answers import CurveData, Helps, with_unit
+
+BLUE, VERMILION, GREEN = "#0072B2", "#D55E00", "#00795A"
+LOOKS: dict[str, dict[str, Any]] = {
+    "object": {"fill": "#EFE3C6", "line": "#8A6D1D", "width": 1.0, "alpha": 1.0},
+    "ghost": {"fill": "#FFFFFF", "line": "#A0A0A0", "width": 0.8, "alpha": 0.0},
+    "air": {"fill": "#D3E4F1", "line": "#D3E4F1", "width": 0.0, "alpha": 1.0},
+    "body": {"fill": "#4D4D4D", "line": "#4D4D4D", "width": 0.0, "alpha": 1.0},
+    "wall": {"fill": BLUE, "line": BLUE, "width": 0.3, "alpha": 1.0},
+    "tight": {"fill": VERMILION, "line": VERMILION, "width": 0.3, "alpha": 1.0},
+    "membrane": {"fill": BLUE, "line": BLUE, "width": 0.0, "alpha": 1.0},
+    "cover": {"fill": BLUE, "line": "#FFFFFF", "width": 0.5, "alpha": 1.0},
+    "force": {"fill": VERMILION, "line": VERMILION, "width": 0.5, "alpha": 1.0},
+}
+"""Areas: colour, edge, its width in points and how far they cover what is behind."""
+LINE_LOOKS = {"face": (BLUE, 1.2), "edge": ("#333333", 1.5), "contact": (VERMILION, 4.0), "axis": ("#8A6D1D", 1.0)}
+"""Lines: colour and width."""
+HEAD, SHAFT = 0.35, 0.06
+"""Of an arrow's length: its head, and half the width of its shaft."""
+FINE = 60
+"""An outline of more points is drawn by every second of them."""
+PIN_COLOURS = ("#E69F00", "#00795A", "#CC79A7", "#56B4E9", "#6E6E6E", "#000000")
+DRAWN = """
+requestAnimationFrame(() => setTimeout(() => {
+  const mine = (window.softgrip ||= {drawn: []});
+  mine.drawn.push(performance.now());
+}, 0));
+"""
+"""The browser's own clock, each time that a picture has been drawn."""
+
+
+def arrow(force: Force) -> np.ndarray:
+    """The outline of an arrow."""
+    ahead = force.end - force.start
+    side = np.array([-ahead[1], ahead[0]])
+    neck = force.start + (1 - HEAD) * ahead
+    half = SHAFT * side
+    left = [force.start + half, neck + half, neck + 3 * half]
+    return np.array([*left, force.end, neck - 3 * half, neck - half, force.start - half])
+
+
+def _coarse(points: np.ndarray) -> list[list[float]]:
+    shown = points if len(points) < FINE else np.concatenate([points[::2], points[-1:]])
+    return [np.round(column, 3).tolist() for column in shown.T]
+
+
+def areas_and_lines(section: Section) -> tuple[dict[str, list], dict[str, list], dict[str, list]]:
+    """Columns of the areas, the lines and the words of a view, from the back to the front."""
+    areas: dict[str, list] = {name: [] for name in ("xs", "ys", "fill", "line", "width", "alpha", "role")}
+    lines: dict[str, list] = {name: [] for name in ("xs", "ys", "line", "width", "role")}
+    words: dict[str, list] = {name: [] for name in ("x", "y", "text")}
+
+    def area(role: str, points: np.ndarray) -> None:
+        x, y = _coarse(points)
+        values = {"xs": x, "ys": y, "role": role, **LOOKS[role]}
+        for name, column in areas.items():
+            column.append(values[name])
+
+    for role in ROLES:
+        for points in section.of_role(role):
+            if role in LINES:
+                x, y = _coarse(points)
+                colour, width = LINE_LOOKS[role]
+                for name, value in zip(lines, (x, y, colour, width, role), strict=True):
+                    lines[name].append(value)
+            else:
+                area(role, points)
+    for force in section.forces:
+        area("force", arrow(force))
+        for name, value in zip(
+            words, (*np.round(force.start + 1.2 * (force.end - force.start), 3), force.text), strict=True
+        ):
+            words[name].append(float(value) if name != "text" else value)
+    return areas, lines, words
+
+
+class View:
+    """One flat view."""
+
+    def __init__(self, section: Section, is_timed: bool):
+        areas, lines, words = areas_and_lines(section)
+        self.areas, self.lines, self.words = ColumnDataSource(areas), ColumnDataSource(lines), ColumnDataSource(words)
+        tools = [PanTool(), WheelZoomTool(), ResetTool(), SaveTool()]
+        self.figure: Any = figure(
+            tools=tools,
+            active_scroll=None,
+            match_aspect=True,
+            x_range=DataRange1d(range_padding=0.05),
+            y_range=DataRange1d(range_padding=0.08),
+            x_axis_label=section.horizontal,
+            y_axis_label=section.vertical,
+            sizing_mode="stretch_width",
+            height=330,
+            min_width=200,
+            toolbar_location="above",
+            output_backend="canvas",
+        )
+        _plain(self.figure)
+        self.figure.patches(
+            "xs",
+            "ys",
+            source=self.areas,
+            fill_color="fill",
+            line_color="line",
+            line_width="width",
+            fill_alpha="alpha",
+        )
+        self.figure.multi_line("xs", "ys", source=self.lines, line_color="line", line_width="width")
+        labels = LabelSet(
+            x="x",
+            y="y",
+            text="text",
+            source=self.words,
+            text_color="#A03F00",
+            text_align="center",
+            text_font_size="12px",
+        )
+        self.figure.add_layout(labels)
+        if is_timed:
+            self.areas.js_on_change("data", CustomJS(code=DRAWN))
+
+    def show(self, section: Section) -> None:
+        """Fill it again."""
+        self.lines.data, self.words.data, self.areas.data = (areas_and_lines(section)[k] for k in (1, 2, 0))
+
+
+def _plain(one: Any) -> None:
+    """One look for every figure; words dark enough to be read."""
+    one.toolbar.logo = None
+    one.grid.grid_line_color = "#ECECEC"
+    one.outline_line_color = None
+    for axis in one.axis:
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_color = axis.major_label_text_color = "#333333"
+
+
+class CurveView:
+    """An observable over the pressure, with the limit, the first contact, pinned curves and a point to be dragged."""
+
+    def __init__(self, dragged: Any):
+        """dragged: called with a pressure, Pa."""
+        empty = {"x": [], "y": []}
+        self.stable, self.unstable = ColumnDataSource(dict(empty)), ColumnDataSource(dict(empty))
+        self.marks = ColumnDataSource({"x": [], "y": [], "text": []})
+        self.now = ColumnDataSource(dict(empty))
+        self.pins = ColumnDataSource({"xs": [], "ys": [], "colour": [], "name": []})
+        self.figure: Any = figure(
+            tools=[PanTool(), WheelZoomTool(), ResetTool(), SaveTool()],
+            active_scroll=None,
+            active_drag=None,
+            x_axis_label="pressure (kPa)",
+            y_range=DataRange1d(range_padding=0.3),
+            sizing_mode="stretch_width",
+            height=280,
+            min_width=200,
+            toolbar_location="above",
+        )
+        _plain(self.figure)
+        self.figure.multi_line("xs", "ys", source=self.pins, line_color="colour", line_width=1.5, line_dash="dotdash")
+        self.figure.line("x", "y", source=self.stable, line_color=BLUE, line_width=2.2)
+        self.figure.line("x", "y", source=self.unstable, line_color=BLUE, line_width=2.0, line_dash="dashed")
+        self.figure.scatter("x", "y", source=self.marks, size=9, marker="diamond", color=GREEN)
+        labels = LabelSet(x="x", y="y", text="text", source=self.marks, x_offset=-6, y_offset=6, text_font_size="11px")
+        labels.text_align, labels.text_color = "right", "#005A43"
+        self.figure.add_layout(labels)
+        point = self.figure.scatter("x", "y", source=self.now, size=14, color=VERMILION, line_color="white")
+        drag = PointDrawTool(renderers=[point], add=False)
+        self.figure.add_tools(drag)
+        self.figure.toolbar.active_tap = drag
+        self.figure.add_tools(HoverTool(tooltips=[("pressure", "@x{0.000} kPa"), ("value", "@y")], renderers=[point]))
+        self._is_filled = False
+
+        def moved(attribute: str, old: Any, new: Any) -> None:
+            if not self._is_filled and len(new["x"]) == 1:
+                dragged(max(float(new["x"][0]), 0.0) * kPa)
+
+        self.now.on_change("data", moved)
+
+    def show(self, curve: CurveData, kind: str) -> None:
+        """Another curve."""
+        unit = DISPLAY[kind][1]
+        x, y = curve.pressure / kPa, curve.value / unit
+        last = int(np.count_nonzero(curve.stable))
+        self.stable.data = {"x": x[:last].tolist(), "y": y[:last].tolist()}
+        self.unstable.data = {"x": x[max(last - 1, 0) :].tolist(), "y": y[max(last - 1, 0) :].tolist()}
+        marks: dict[str, list] = {"x": [], "y": [], "text": []}
+        if curve.end and last:
+            marks = {"x": [x[last - 1]], "y": [y[last - 1]], "text": [curve.end]}
+        if curve.contact is not None and len(x):
+            marks["x"].append(curve.contact / kPa)
+            marks["y"].append(y[0])
+            marks["text"].append("contact")
+        self.marks.data = marks
+        self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
+
+    def show_state(self, pressure: float, value: float, kind: str) -> None:
+        """The point of the present state."""
+        self._is_filled = True
+        try:
+            self.now.data = {"x": [pressure / kPa], "y": [value / DISPLAY[kind][1]]}
+        finally:
+            self._is_filled = False
+
+    def show_pins(self, curves: list[tuple[str, CurveData]], kind: str) -> None:
+        """The curves of pinned designs."""
+        columns: dict[str, list] = {"xs": [], "ys": [], "colour": [], "name": []}
+        for k, (name, curve) in enumerate(curves):
+            columns["xs"].append((curve.pressure / kPa).tolist())
+            columns["ys"].append((curve.value / DISPLAY[kind][1]).tolist())
+            columns["colour"].append(PIN_COLOURS[k % len(PIN_COLOURS)])
+            columns["name"].append(name)
+        self.pins.data = columns
+
+
+class HelpView:
+    """Elasticities as bars; a click on one moves its slider so that the observable grows."""
+
+    def __init__(self, clicked: Any):
+        """clicked: called with (key, elasticity)."""
+        self.source = ColumnDataSource({"key": [], "value": [], "colour": [], "text": []})
+        self.figure: Any = figure(
+            y_range=FactorRange(),
+            tools=[TapTool()],
+            toolbar_location=None,
+            sizing_mode="stretch_width",
+            height=240,
+            min_width=200,
+            x_axis_label="% for 1 % more of",
+        )
+        _plain(self.figure)
+        self.figure.hbar(y="key", right="value", height=0.7, source=self.source, color="colour", nonselection_alpha=1.0)
+        self.figure.add_layout(Span(location=0, dimension="height", line_color="#333333", line_width=1))
+
+        def tapped(event: Any) -> None:
+            keys = self.source.data["key"]
+            if not keys or event.y is None:
+                return
+            # A click anywhere in the row of a bar counts: short bars are hard to hit.
+            row = round(float(event.y) - 0.5)
+            if 0 <= row < len(self.figure.y_range.factors):
+                key = self.figure.y_range.factors[row]
+                clicked(key, self.source.data["value"][list(keys).index(key)])
+
+        self.figure.on_event(Tap, tapped)
+
+    def show(self, helps: Helps) -> None:
+        """Other bars, the longest above."""
+        bars = helps.bars[:12]
+        keys = [key for key, _ in bars]
+        if list(self.figure.y_range.factors) != keys[::-1]:
+            self.figure.y_range.factors = keys[::-1]
+        values = [round(value, 4) for _, value in bars]
+        colours = [BLUE if value >= 0 else VERMILION for value in values]
+        self.source.data = {"key": keys, "value": values, "colour": colours, "text": [f"{v:+.2f}" for v in values]}
+        self.figure.height = 90 + 22 * max(len(keys), 2)
+
+
+def space_figure(mesh: Any) -> dict[str, Any]:
+    """A mesh as a figure of Plotly, as plain data: to be turned and zoomed."""
+    colours = {"cover": BLUE, "chamber": "#8FBFE0", "membrane": BLUE, "object": "#D9C48F", "body": "#6A6A6A"}
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    traces = []
+    for kind, colour in colours.items():
+        three = mesh.of_kind(kind)
+        if not len(three):
+            continue
+        used, places = np.unique(three, return_inverse=True)
+        i, j, k = places.reshape(-1, 3).T
+        x, y, z = np.round(mesh.points[used].T * 1e3, 3)
+        trace = {"type": "mesh3d", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k, "name": kind, "color": colour}
+        trace |= {"flatshading": kind != "membrane", "hoverinfo": "name", "opacity": 0.55 if kind == "object" else 1.0}
+        pressed = mesh.values.get("contact_pressure")
+        if kind == "membrane" and pressed is not None:
+            trace |= {"intensity": pressed[used] / kPa, "colorscale": "Viridis", "colorbar": {"title": "contact (kPa)"}}
+        traces.append(trace)
+    axes = {f"{name}axis": {"title": {"text": f"{name} (mm)"}} for name in "xyz"}
+    ratio = (high - low) / np.max(high - low)
+    box = dict(zip("xyz", map(float, ratio), strict=True))
+    scene = axes | {"aspectmode": "manual", "aspectratio": box}
+    margin = dict.fromkeys("lrtb", 0)
+    return {"data": traces, "layout": {"scene": scene, "margin": margin, "uirevision": "kept", "autosize": True}}

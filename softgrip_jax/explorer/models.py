@@ -1,0 +1,31 @@
+"""The models of a scene, each solved: what it leaves out, what it says, and how far that is from the dearest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..fidelity import LadderModel
+from ..progress import Tell
+from ..questions import pressure_for, solve
+from ..results import Status, in_units
+from .session import PRESSURE, Session
+
+
+def compared(session: Session, tell: Tell) -> tuple[tuple[list[str], list[list[str]]], list[LadderModel]]:
+    """((heads, rows) of a table, the models, cheapest first), at the state of the sliders."""
+    ladder = session.ladder()
+    name, component, kind = session.observables[session.observable]
+    values = []
+    for k, model in enumerate(ladder):
+        tell("models solved", k, len(ladder))
+        found = pressure_for(model.scene) if session.own_task else solve(model.scene, session.values[PRESSURE])
+        good = int(found.status) == Status.OK
+        value = np.asarray(found.observables[name])
+        values.append(float(value if component is None else value[component]) if good else np.nan)
+    rows = []
+    for k, (model, value) in enumerate(zip(ladder, values, strict=True)):
+        change = "" if value == values[-1] else f"{100 * (value / values[-1] - 1):+.3g} %"
+        left_out = " and ".join(model.left_out) or "nothing"
+        rows.append([str(k + 1), left_out, model.numerics, f"{model.cost:.3g}", in_units(value, kind), change])
+    head = ["", "left out", "numerics", "time", session.observable.replace("_", " "), "beside the dearest"]
+    return (head, rows), ladder

@@ -1,0 +1,542 @@
+"""The page of the explorer: sliders, pictures, curve and bars around a `Session`, filled by a thread of its own."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from io import BytesIO, StringIO
+from typing import Any
+
+import panel as pn
+from bokeh.models import CustomJS
+
+from .. import plugins
+from ..errors import InputError
+from ..progress import Tell
+from ..scene import Scene
+from ..units import kPa
+from .answers import CurveData, Helps, State
+from .controls import Choice, Number
+from .latest import Latest
+from .looks import CurveView, HelpView, View, space_figure
+from .session import PRESSURE, Question, Session, first_answer, further_answers
+
+TABS = "softgrip_jax.explorer_tabs"
+"""The group of entry points of further tabs, named by their titles: functions from a `Page` to what Panel shows."""
+STEPS = 1000
+"""Places of a slider."""
+CSS = """
+:host, body { font-family: system-ui, sans-serif; color: #1b1b1b; }
+.sg-key { font-size: 13px; font-weight: 600; color: #1b1b1b; }
+.sg-doc { font-size: 12px; color: #4a4a4a; }
+.sg-told { font-size: 14px; min-height: 21px; padding: 4px 8px; border-radius: 4px; }
+.sg-told { background: #eef4f8; color: #12384f; }
+.sg-wrong { background: #fdecea; color: #8a1c0c; }
+table.sg { border-collapse: collapse; font-size: 13px; width: 100%; }
+table.sg td, table.sg th { text-align: left; padding: 2px 8px; border-bottom: 1px solid #e3e3e3; vertical-align: top; }
+table.sg td.n { font-weight: 600; white-space: nowrap; }
+table.sg td.e { color: #4a4a4a; font-size: 12px; }
+pre.sg { white-space: pre-wrap; font-size: 12px; background: #f4f4f4; padding: 8px; }
+"""
+GONE = """
+const say = (text) => {
+  let bar = document.getElementById('softgrip-gone');
+  if (!bar) {
+    bar = document.createElement('div');
+    bar.id = 'softgrip-gone';
+    bar.setAttribute('role', 'alert');
+    bar.style = 'position:fixed;top:0;left:0;right:0;z-index:9999;padding:8px;text-align:center;' +
+                'background:#8a1c0c;color:#fff;font-family:system-ui,sans-serif';
+    document.body.appendChild(bar);
+  }
+  bar.textContent = text;
+};
+let gone = false;
+document.documentElement.lang = 'en';
+setInterval(async () => {
+  try {
+    await fetch('/alive', {cache: 'no-store', signal: AbortSignal.timeout(3000)});
+    if (gone) window.location.reload();
+  } catch {
+    gone = true;
+    say('The server has stopped. This page connects again as soon as it is back.');
+  }
+}, 1000);
+"""
+"""The page asks once a second whether its server is there, says so where it is not, and loads again once it is."""
+
+
+def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] = ("n",)) -> str:
+    """A table; nothing in it is taken for HTML."""
+    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
+    top = f"<tr>{top}</tr>" if any(head) else ""
+    body = []
+    for row in rows:
+        cells = [
+            f'<td class="{classes[k] if k < len(classes) else ""}">{escape(cell)}</td>' for k, cell in enumerate(row)
+        ]
+        body.append(f"<tr>{''.join(cells)}</tr>")
+    return f'<table class="sg">{top}{"".join(body)}</table>'
+
+
+class Control:
+    """The row of one number: what it means, a slider, a box to type in."""
+
+    def __init__(self, number: Number, value: float, moved: Callable, typed: Callable):
+        self.key = number.key
+        self.wrong = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width", visible=False)
+        self.slider = pn.widgets.FloatSlider(
+            name=number.key,
+            start=0,
+            end=STEPS,
+            step=1,
+            value=self._place(number, value),
+            show_value=False,
+            tooltips=False,
+            sizing_mode="stretch_width",
+            margin=(2, 12, 0, 10),
+        )
+        doc = f"{number.doc}; " if number.doc else ""
+        ends = f"{number.shown(number.low)} to {number.shown(number.high)} {number.label}"
+        self.slider.description = None
+        self.box = pn.widgets.TextInput(
+            value=number.shown(value), width=86, margin=(2, 4), placeholder=number.label, name=number.label or "value"
+        )
+        self.words = pn.pane.HTML(
+            f'<span class="sg-doc">{escape(doc + ends)}</span>',
+            stylesheets=[CSS],
+            margin=(0, 10),
+            sizing_mode="stretch_width",
+        )
+        self._own = False
+
+        def slid(event: Any) -> None:
+            if not self._own:
+                moved(self, event.new / STEPS)
+
+        def entered(event: Any) -> None:
+            if not self._own:
+                typed(self, event.new)
+
+        self.slider.param.watch(slid, "value")
+        self.box.param.watch(entered, "value")
+        self.row = pn.Column(
+            pn.Row(self.slider, self.box, sizing_mode="stretch_width"),
+            self.words,
+            self.wrong,
+            sizing_mode="stretch_width",
+            margin=(0, 0, 4, 0),
+        )
+
+    @staticmethod
+    def _place(number: Number, value: float) -> float:
+        return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
+
+    def show(self, number: Number, value: float, with_slider: bool = True, with_box: bool = True) -> None:
+        """Show a value without asking again."""
+        self._own = True
+        try:
+            if with_slider:
+                self.slider.value = self._place(number, value)
+            if with_box:
+                self.box.value = number.shown(value)
+        finally:
+            self._own = False
+        self.say("")
+
+    def say(self, sentence: str) -> None:
+        """What is wrong with this number, beneath it."""
+        if sentence or self.wrong.visible:
+            self.wrong.object = (
+                f'<div class="sg-told sg-wrong" role="alert">{escape(sentence)}</div>' if sentence else ""
+            )
+            self.wrong.visible = bool(sentence)
+
+
+class Page:
+    """One browser's page around its own session."""
+
+    def __init__(self, session: Session):
+        self.session = session
+        self.document = pn.state.curdoc
+        self.controls: dict[str, Control] = {}
+        self.views: list[View] = []
+        self.told = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
+        self.rows = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
+        self.pictures = pn.Column(sizing_mode="stretch_width", min_height=340)
+        self.numbers = pn.Column(sizing_mode="stretch_width")
+        self.choices = pn.FlexBox(sizing_mode="stretch_width")
+        self.curve = CurveView(self._dragged)
+        self.helps = HelpView(self._clicked)
+        self.space = pn.pane.Plotly(None, sizing_mode="stretch_width", height=420, visible=True)
+        self.observable = pn.widgets.Select(
+            name="curve and elasticities of", options=list(session.observables), value=session.observable, width=220
+        )
+        self.observable.param.watch(self._looked, "value")
+        self.task = pn.widgets.Checkbox(name="at the pressure that its own task needs", value=session.own_task)
+        self.task.param.watch(self._task_set, "value")
+        self.compared = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
+        self.code = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
+        self.models = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
+        self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
+        self.tabs = self._tabs()
+        self._is_shown = False
+        self._fill_controls()
+        self.say("compiling the first picture ...")
+        # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
+        self.work: Latest[Question] = Latest(first_answer, self._deliver, self._failed)
+        self.further: Latest[tuple[Question, State]] = Latest(
+            further_answers,
+            lambda asked, stage: self._deliver(asked[0], stage),
+            lambda asked, error: self._failed(asked[0], error),
+        )
+        self.layout = self._layout()
+        self.ask()
+
+    # --- the parts ----------------------------------------------------------------------------------------------------
+
+    def _layout(self) -> Any:
+        left = pn.Column(
+            self.choices,
+            self.task,
+            self.numbers,
+            sizing_mode="stretch_width",
+            styles={"flex": "1 1 300px"},
+            min_width=280,
+        )
+        middle = pn.Column(
+            pn.Tabs(("side", self.pictures), ("space", self.space), sizing_mode="stretch_width", dynamic=False),
+            self.rows,
+            sizing_mode="stretch_width",
+            styles={"flex": "2 1 420px"},
+            min_width=280,
+        )
+        right = pn.Column(
+            self.observable,
+            pn.pane.Bokeh(self.curve.figure, sizing_mode="stretch_width"),
+            pn.pane.HTML(
+                "<b>What would help</b>: click a bar to move its slider so that the value grows", margin=(4, 10)
+            ),
+            pn.pane.Bokeh(self.helps.figure, sizing_mode="stretch_width"),
+            sizing_mode="stretch_width",
+            styles={"flex": "1 1 320px"},
+            min_width=280,
+        )
+        middle[0].param.watch(self._turned, "active")
+        self.picture_tabs = middle[0]
+        title = pn.pane.HTML(f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>")
+        self.title = title
+        body = pn.FlexBox(left, middle, right, sizing_mode="stretch_width", align_items="flex-start")
+        page = pn.Column(title, self.told, body, self.tabs, sizing_mode="stretch_width", max_width=1900)
+        return page
+
+    def _tabs(self) -> Any:
+        pin, unpin = pn.widgets.Button(name="pin this design"), pn.widgets.Button(name="forget all pins")
+        pin.on_click(lambda event: self._pin(True))
+        unpin.on_click(lambda event: self._pin(False))
+        out = [
+            pn.widgets.FileDownload(
+                callback=partial(self._file, kind), filename=name, label=name, button_type="default"
+            )
+            for kind, name in (
+                ("toml", "explored.toml"),
+                ("csv", "curve.csv"),
+                ("png", "explored.png"),
+                ("svg", "explored.svg"),
+                ("py", "explored.py"),
+            )
+        ]
+        compare = pn.widgets.Button(name="compare the models")
+        compare.on_click(lambda event: self.in_background(self._compare_models))
+        self.model.param.watch(self._model_chosen, "value")
+        tabs = pn.Tabs(
+            ("Pins", pn.Column(pn.FlexBox(pin, unpin), self.compared, sizing_mode="stretch_width")),
+            ("Out", pn.Column(pn.FlexBox(*out), self.code, sizing_mode="stretch_width")),
+            ("Models", pn.Column(pn.FlexBox(compare, self.model), self.models, sizing_mode="stretch_width")),
+            sizing_mode="stretch_width",
+        )
+        for name, point in plugins.found(TABS).items():
+            tabs.append((name, point.load()(self)))
+        tabs.param.watch(lambda event: self._show_code(), "active")
+        return tabs
+
+    def _fill_controls(self) -> None:
+        session = self.session
+        self.controls = {
+            key: Control(number, session.values[key], self._moved, self._typed)
+            for key, number in session.numbers.items()
+        }
+        self.numbers.objects = [control.row for control in self.controls.values()]
+        self.choices.objects = [self._menu(choice) for choice in session.choices.values()]
+        self.task.visible = session.has_task
+        if list(self.observable.options) != list(session.observables):
+            self.observable.param.update(options=list(session.observables), value=session.observable)
+
+    def _menu(self, choice: Choice) -> Any:
+        menu = pn.widgets.Select(name=choice.key, options=list(choice.options), value=choice.value, width=150)
+        menu.param.watch(lambda event: self._chosen(choice.key, event.new), "value")
+        return menu
+
+    # --- what a user does ---------------------------------------------------------------------------------------------
+
+    def ask(self) -> None:
+        """Ask for what the sliders say now."""
+        self.work.ask(self.session.question())
+
+    def _done(self, control: Control, sentence: str) -> None:
+        control.say(sentence)
+        if sentence:
+            self.say(sentence, True)
+        else:
+            if control.key == PRESSURE and self.task.value:
+                self.task.value = False
+            self.ask()
+
+    def _moved(self, control: Control, place: float) -> None:
+        sentence = self.session.move(control.key, place)
+        control.show(self.session.numbers[control.key], self.session.values[control.key], with_slider=False)
+        self._done(control, sentence)
+
+    def _typed(self, control: Control, text: str) -> None:
+        sentence = self.session.type_in(control.key, text)
+        if not sentence:
+            control.show(self.session.numbers[control.key], self.session.values[control.key], with_box=False)
+        self._done(control, sentence)
+
+    def _dragged(self, pressure: float) -> None:
+        self._typed_pressure(f"{pressure / kPa:.5g}")
+
+    def _typed_pressure(self, text: str) -> None:
+        control = self.controls[PRESSURE]
+        sentence = self.session.type_in(PRESSURE, text)
+        if not sentence:
+            control.show(self.session.numbers[PRESSURE], self.session.values[PRESSURE])
+        self._done(control, sentence)
+
+    def _clicked(self, key: str, elasticity: float) -> None:
+        sentence = self.session.nudge(key, elasticity > 0)
+        key = PRESSURE if key == "pressure" else key
+        self.controls[key].show(self.session.numbers[key], self.session.values[key])
+        self._done(self.controls[key], sentence)
+
+    def _chosen(self, key: str, option: Any) -> None:
+        if self.session.choices.get(key) is None or self.session.choices[key].value == option:
+            return
+        sentence = self.session.choose(key, option)
+        self._after_opening(sentence)
+
+    def _after_opening(self, sentence: str) -> None:
+        self._fill_controls()
+        self.title.object = f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>"
+        if sentence:
+            self.say(sentence, True)
+            return
+        self.say("compiling ...")
+        self.ask()
+
+    def open_scene(self, scene: Scene) -> None:
+        """Show another scene, or the same with other numbers: a model, the best of a search, a design of a study."""
+        self.session.open(scene)
+        self._after_opening("")
+
+    def _looked(self, event: Any) -> None:
+        sentence = self.session.look_at(event.new)
+        if sentence:
+            self.say(sentence, True)
+        else:
+            self.ask()
+
+    def _task_set(self, event: Any) -> None:
+        if event.new == self.session.own_task:
+            return
+        sentence = self.session.set_own_task(event.new)
+        if sentence:
+            self.say(sentence, True)
+        else:
+            self.ask()
+
+    def _pin(self, wanted: bool) -> None:
+        if wanted:
+            self.session.pin()
+        else:
+            self.session.unpin()
+        self._show_pins()
+
+    def _turned(self, event: Any) -> None:
+        if event.new == 1:
+            self._show_space()
+
+    def _file(self, kind: str) -> Any:
+        session = self.session
+        if kind in ("png", "svg"):
+            return BytesIO(session.picture(kind))
+        return StringIO({"toml": session.toml, "csv": session.table, "py": session.python}[kind]())
+
+    # --- models -------------------------------------------------------------------------------------------------------
+
+    def _compare_models(self, tell: Tell) -> None:
+        from .models import compared
+
+        found, ladder = compared(self.session, tell)
+        options = {"as it is": None} | {f"{k + 1}: {model.numerics}": k for k, model in enumerate(ladder)}
+
+        def shown() -> None:
+            self._ladder = ladder
+            self.models.object = table_html(*found)
+            self.model.param.update(options=options, value=None)
+            self.say("")
+
+        self.later(shown)
+
+    def _model_chosen(self, event: Any) -> None:
+        if event.new is not None:
+            self.open_scene(self._ladder[event.new].scene)
+
+    # --- from other threads -------------------------------------------------------------------------------------------
+
+    def later(self, act: Callable[[], None]) -> None:
+        """Do something with the page, from any thread."""
+        if self.document is not None:
+            self.document.add_next_tick_callback(act)
+
+    def in_background(self, work: Callable[[Tell], None]) -> threading.Thread:
+        """Run work(tell) in a thread of its own; what goes wrong is told."""
+
+        def tell(stage: str, done: int = 0, total: int = 0) -> None:
+            words = f"{stage}: {done} of {total}" if total else stage
+            self.later(lambda: self.say(words))
+
+        def run() -> None:
+            try:
+                work(tell)
+            except InputError as error:
+                sentence = str(error)
+                self.later(lambda: self.say(sentence, True))
+
+        thread = threading.Thread(target=run, name="softgrip explorer work", daemon=True)
+        thread.start()
+        return thread
+
+    def _deliver(self, question: Question, stage: Any) -> None:
+        self.session.take(stage)
+        self.later(partial(self._show, question, stage))
+        if isinstance(stage, State):
+            self.further.ask((question, stage))
+
+    def _failed(self, question: Question, error: Exception) -> None:
+        sentence = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
+        self.later(lambda: self.say(sentence, True))
+
+    # --- what is shown ------------------------------------------------------------------------------------------------
+
+    def say(self, sentence: str, is_wrong: bool = False) -> None:
+        """The line above the pictures."""
+        classes = "sg-told sg-wrong" if is_wrong else "sg-told"
+        self.told.object = f'<div class="{classes}" role="status">{escape(sentence) or "&nbsp;"}</div>'
+
+    def _show(self, question: Question, stage: Any) -> None:
+        kind = self.session.observables.get(question.observable, ("", None, "number"))[2]
+        if isinstance(stage, str):
+            self._grey(True)
+            self.say(stage, True)
+        elif isinstance(stage, State):
+            self._show_state(stage, question, kind)
+        elif isinstance(stage, CurveData):
+            self.curve.show(stage, kind)
+            self.controls[PRESSURE].show(
+                self.session.numbers[PRESSURE], self.session.values[PRESSURE], with_box=False
+            ) if not self._is_moving(question) else None
+        elif isinstance(stage, Helps):
+            self.helps.show(stage)
+
+    def _is_moving(self, question: Question) -> bool:
+        """Whether something was asked after this question."""
+        return question.number != self.session.asked
+
+    def _grey(self, is_grey: bool) -> None:
+        styles = {"opacity": "0.35", "filter": "grayscale(1)"} if is_grey else {}
+        if self.pictures.styles != styles:
+            self.pictures.styles = styles
+
+    def _show_state(self, state: State, question: Question, kind: str) -> None:
+        self._grey(not state.ok)
+        if not state.ok:
+            self.say(state.message, True)
+            return
+        if len(state.sections) != len(self.views) or not self.views or self._labels != _labels(state):
+            self._labels = _labels(state)
+            self.views = [View(section, k == 0) for k, section in enumerate(state.sections)]
+            self.pictures.objects = [pn.pane.Bokeh(view.figure, sizing_mode="stretch_width") for view in self.views]
+        else:
+            for view, section in zip(self.views, state.sections, strict=True):
+                view.show(section)
+        rule = f"; nearest rule {state.margins[0][0]}: {state.margins[0][1] * 1e3:.4g} mm left" if state.margins else ""
+        self.say(f"{state.pressure / kPa:.5g} kPa{rule}")
+        self.rows.object = table_html(
+            ["", "value", "model error"],
+            [[r.name.replace("_", " "), r.text, r.error] for r in state.rows],
+            ("n", "", "e"),
+        )
+        name, component, _ = self.session.observables[question.observable]
+        from .answers import part_of
+
+        value = float(part_of(state.solution.observables, name, component))
+        self.curve.show_state(state.pressure, value, kind)
+        if self.session.own_task:
+            number = self.session.numbers[PRESSURE].holding(state.pressure)
+            self.controls[PRESSURE].show(number, state.pressure)
+        if self.picture_tabs.active == 1:
+            self._show_space()
+        if self.tabs.active == 0:
+            self._show_pins()
+
+    def _show_space(self) -> None:
+        if self.session.good is None:
+            return
+        try:
+            self.space.object = space_figure(self.session.good.solution.mesh())
+        except InputError as error:
+            self.say(str(error), True)
+
+    def _show_pins(self) -> None:
+        kind = self.session.observables[self.session.observable][2]
+        curves = [(p.name, p.curve) for p in self.session.pins if p.curve is not None]
+        self.curve.show_pins([(n, c) for n, c in curves if c.observable == self.session.observable], kind)
+        if self.session.pins:
+            self.compared.object = table_html(*self.session.differences())
+        elif self.compared.object:
+            self.compared.object = ""
+
+    def _show_code(self) -> None:
+        if self.tabs.active != 1:
+            return
+        try:
+            self.code.object = (
+                f'<pre class="sg">{escape(self.session.command())}</pre>'
+                f'<pre class="sg">{escape(self.session.python())}</pre>'
+                f'<pre class="sg">{escape(self.session.toml())}</pre>'
+            )
+        except InputError as error:
+            self.code.object = f'<div class="sg-told sg-wrong">{escape(str(error))}</div>'
+
+
+def _labels(state: State) -> list[str]:
+    return [section.horizontal for section in state.sections]
+
+
+def page_of(make: Callable[[], Session]) -> Any:
+    """A page with a session of its own, for one browser."""
+    page = Page(make())
+    document = pn.state.curdoc
+    if document is not None:
+        document.title = "softgrip explore"
+        document.js_on_event("document_ready", CustomJS(code=GONE))
+
+        def end(context: Any) -> None:
+            page.work.close()
+            page.further.close()
+
+        document.on_session_destroyed(end)
+    return page.layout

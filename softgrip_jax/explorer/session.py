@@ -1,0 +1,328 @@
+"""What one browser looks at: a scene with its sliders, what was asked last, the last good answer, pinned designs.
+
+Nothing of a browser is in here. The page calls `move`, `type_in`, `choose` and so on; each returns a sentence where
+something is wrong. The page hands `question()` to a thread, which takes the stages of `answer`.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..config.modules import type_name
+from ..errors import InputError
+from ..fidelity import LadderModel, model_ladder
+from ..plausible import units_are_stated
+from ..questions import pressure_for
+from ..scene import Scene
+from ..units import DISPLAY, kPa, unit_key
+from .answers import CurveData, Helps, State, components, curve_of, helps_of, state_of
+from .code import solving
+from .controls import Number, as_config, choices_of, chosen, leaf_index, numbers_of, value_range, with_numbers
+
+PRESSURE = "pressure_kPa"
+FIRST_PRESSURE = 15 * kPa
+"""Where nothing says another: shells and fingers are well inflated and far from their limits."""
+STEP = 1.05
+"""A click on an elasticity changes a number by this factor."""
+ABOVE_LIMIT = 1.25
+"""The slider of the pressure goes to so many times the limit pressure."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Question:
+    """A state of the sliders: all that an answer needs."""
+
+    number: int
+    scene: Scene
+    """With the numbers that it was made with; `values` are those of the sliders."""
+    numbers: tuple[Number, ...]
+    values: dict[str, float]
+    pressure: float | None
+    """Pa; None for the scene's own task."""
+    observable: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Pin:
+    """A design that is kept for comparison."""
+
+    name: str
+    values: dict[str, float]
+    """SI, by key, with the pressure."""
+    rows: dict[str, str]
+    curve: CurveData | None
+
+
+class Session:
+    """One scene that is explored.
+
+    Args:
+        scene: what to begin with.
+        pressure: gauge pressure, Pa; None for the scene's own task.
+    """
+
+    def __init__(self, scene: Scene, pressure: float | None = FIRST_PRESSURE):
+        self.asked = 0
+        self.good: State | None = None
+        """The last answer that has a state."""
+        self.curve: CurveData | None = None
+        self.helps: Helps | None = None
+        self.message = ""
+        self.pins: list[Pin] = []
+        self._open(scene, pressure)
+
+    def _open(self, scene: Scene, pressure: float | None) -> None:
+        self.scene = scene
+        first = FIRST_PRESSURE if pressure is None else pressure
+        doc = "gauge pressure in the actuator"
+        low, high = value_range(first, "nonnegative", "pressure")
+        own = Number(PRESSURE, (), None, "pressure", "nonnegative", doc, first, low, high)
+        self.numbers = {number.key: number for number in [own, *numbers_of(scene)]}
+        self.values = {key: number.value for key, number in self.numbers.items()}
+        self.choices = {choice.key: choice for choice in choices_of(scene)}
+        self.own_task = pressure is None
+        known = components(scene)
+        self.observables = known
+        if getattr(self, "observable", None) not in known:
+            self.observable = next(iter(known))
+
+    @property
+    def has_task(self) -> bool:
+        """Whether the scene knows a task of its own, as a grasp with a mass does."""
+        try:
+            self.scene.target()
+        except InputError:
+            return False
+        return True
+
+    # --- what a user does; each returns a sentence where that cannot be -----------------------------------------------
+
+    def move(self, key: str, place: float) -> str:
+        """A slider to a place from 0 to 1."""
+        return self._set(key, self.numbers[key].at(min(max(place, 0.0), 1.0)))
+
+    def type_in(self, key: str, text: str) -> str:
+        """A number as typed, in the unit of its key; the range grows where the number is beyond it."""
+        try:
+            value = self.numbers[key].read(text)
+        except InputError as error:
+            return str(error)
+        self.numbers[key] = self.numbers[key].holding(value)
+        return self._set(key, value)
+
+    def scene_value(self, key: str) -> float:
+        """What a number was when the scene was opened, SI."""
+        return self.numbers[key].value
+
+    def nudge(self, key: str, up: bool) -> str:
+        """A number by one step up or down."""
+        key = PRESSURE if key == "pressure" else key
+        value = self.values[key] * (STEP if up else 1 / STEP)
+        self.numbers[key] = self.numbers[key].holding(value)
+        return self._set(key, value)
+
+    def _set(self, key: str, value: float) -> str:
+        try:
+            self.values[key] = self.numbers[key].checked(value)
+            if key == PRESSURE:
+                self.own_task = False
+        except InputError as error:
+            return str(error)
+        return ""
+
+    def set_own_task(self, wanted: bool) -> str:
+        """Look for the pressure that the scene's own task needs, or at a given pressure."""
+        if wanted and not self.has_task:
+            return f"{type(self.scene).__name__} has no task of its own: it needs a mass, or a force."
+        self.own_task = wanted
+        return ""
+
+    def choose(self, key: str, option: Any) -> str:
+        """Another material, section law, object, ...; numbers that both have stay."""
+        try:
+            with units_are_stated():
+                scene = chosen(self.current(), self.choices[key], option)
+        except InputError as error:
+            return str(error)
+        self.open(scene)
+        return ""
+
+    def open(self, scene: Scene) -> None:
+        """Another scene, or the same with other numbers, at the same pressure."""
+        pressure = None if self.own_task else self.values[PRESSURE]
+        ranges = self.numbers
+        self._open(scene, pressure)
+        if pressure is None and not self.has_task:
+            self.own_task = False
+        for key, number in self.numbers.items():
+            if key in ranges and ranges[key].kind == number.kind:
+                kept = dataclasses.replace(number, low=ranges[key].low, high=ranges[key].high)
+                self.numbers[key] = kept.holding(number.value)
+
+    def look_at(self, observable: str) -> str:
+        """Another observable for the curve and the elasticities."""
+        if observable not in self.observables:
+            return f"There is no observable {observable!r}; it must be one of {', '.join(self.observables)}."
+        self.observable = observable
+        return ""
+
+    def pin(self) -> None:
+        """Keep the present design for comparison."""
+        if self.good is not None:
+            rows = {row.name: row.text for row in self.good.rows}
+            values = dict(self.values) | {PRESSURE: self.good.pressure}
+            self.pins.append(Pin(f"pin {len(self.pins) + 1}", values, rows, self.curve))
+
+    def unpin(self) -> None:
+        """Forget all pinned designs."""
+        self.pins = []
+
+    # --- questions and answers ----------------------------------------------------------------------------------------
+
+    def question(self) -> Question:
+        """What the sliders ask now."""
+        self.asked += 1
+        pressure = None if self.own_task else self.values[PRESSURE]
+        numbers = tuple(number for number in self.numbers.values() if number.names)
+        return Question(self.asked, self.scene, numbers, dict(self.values), pressure, self.observable)
+
+    def current(self) -> Scene:
+        """The scene at the sliders; InputError where its numbers do not go together."""
+        return scene_of(self.question())
+
+    def take(self, stage: State | CurveData | Helps | str) -> None:
+        """A stage of an answer; a sentence is a message. A state that is none leaves the last good one."""
+        if isinstance(stage, str):
+            self.message = stage
+        elif isinstance(stage, State):
+            self.message = stage.message
+            if stage.ok:
+                self.good = stage
+        elif isinstance(stage, CurveData):
+            self.curve = stage
+            if np.isfinite(stage.limit) and stage.limit > 0:
+                number = self.numbers[PRESSURE]
+                wider = dataclasses.replace(number, low=0.0, high=ABOVE_LIMIT * stage.limit)
+                self.numbers[PRESSURE] = wider.holding(self.values[PRESSURE])
+        else:
+            self.helps = stage
+
+    def differences(self) -> tuple[list[str], list[list[str]]]:
+        """(heads, rows): the numbers in which the pinned designs and the present one differ, and all observables."""
+        designs = [(pin.name, pin.values, pin.rows) for pin in self.pins]
+        if self.good is not None:
+            rows = {row.name: row.text for row in self.good.rows}
+            designs.append(("now", dict(self.values) | {PRESSURE: self.good.pressure}, rows))
+        table = []
+        for key in dict.fromkeys(key for _, values, _ in designs for key in values):
+            number = self.numbers.get(key)
+            shown = [number.shown(v[key]) if number and key in v else "" for _, v, _ in designs]
+            if len(set(shown)) > 1:
+                table.append([key, *shown])
+        for name in dict.fromkeys(name for _, _, rows in designs for name in rows):
+            table.append([name.replace("_", " "), *(rows.get(name, "") for _, _, rows in designs)])
+        return ["", *(name for name, _, _ in designs)], table
+
+    # --- what can be taken along --------------------------------------------------------------------------------------
+
+    def toml(self) -> str:
+        """The scene as a config that `softgrip` reads."""
+        return as_config(self.current(), None if self.own_task else self.values[PRESSURE])
+
+    def python(self) -> str:
+        """A program that gives the same state."""
+        return solving(self.current(), None if self.own_task else self.values[PRESSURE])
+
+    def command(self, file: str = "explored.toml") -> str:
+        """The command that gives the same from the config."""
+        return f"softgrip solve {file}"
+
+    def table(self) -> str:
+        """The curve as CSV, in the units of configs."""
+        out = io.StringIO()
+        rows = csv.writer(out, lineterminator="\n")
+        if self.curve is not None:
+            _, _, kind = self.observables[self.curve.observable]
+            rows.writerow([PRESSURE, unit_key(self.curve.observable, kind), "before_limit"])
+            unit = DISPLAY[kind][1]
+            for p, value, stable in zip(self.curve.pressure, self.curve.value, self.curve.stable, strict=True):
+                rows.writerow([f"{p / kPa:.10g}", f"{value / unit:.10g}", int(stable)])
+        return out.getvalue()
+
+    def picture(self, ending: str) -> bytes:
+        """The last good state as a picture file: "png", "svg" or "pdf"."""
+        from ..plots import draw
+
+        if self.good is None:
+            raise InputError("There is no state to draw yet.")
+        out = io.BytesIO()
+        draw(self.good.solution).savefig(out, format=ending)
+        return out.getvalue()
+
+    def title(self) -> str:
+        """The type of the scene."""
+        return type_name(type(self.scene))
+
+    # --- models -------------------------------------------------------------------------------------------------------
+
+    def ladder(self) -> list[LadderModel]:
+        """The models of the scene, cheapest first."""
+        name = self.observables[self.observable][0]
+        return model_ladder(self.current(), [name])
+
+
+def scene_of(question: Question) -> Scene:
+    """The scene with the numbers of the sliders."""
+    return with_numbers(question.scene, list(question.numbers), question.values)
+
+
+def first_answer(question: Question) -> Iterator[State | str]:
+    """The state with its picture, or a sentence where the numbers do not go together."""
+    try:
+        yield state_of(scene_of(question), question.pressure)
+    except InputError as error:
+        yield str(error)
+
+
+def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps]:
+    """What follows a state: the curve, then what would help."""
+    question, state = asked
+    scene = scene_of(question)
+    yield curve_of(scene, question.observable)
+    if state.ok:
+        numbers = list(question.numbers)
+        keys = [number.key for number in numbers]
+        yield helps_of(scene, state.pressure, question.observable, keys, leaf_index(scene, numbers))
+
+
+def answer(question: Question) -> Iterator[State | CurveData | Helps | str]:
+    """All stages of an answer, one after the other."""
+    for stage in first_answer(question):
+        yield stage
+        if isinstance(stage, State):
+            yield from further_answers((question, stage))
+
+
+def session_of_config(path: Path, name: str | None = None) -> Session:
+    """A session that begins with what a config says; ConfigError for anything that is wrong in it."""
+    from .. import config as configs
+    from ..commands.files import one_scene
+
+    read = one_scene(path, name)
+    try:
+        asked = configs.question(read)
+    except InputError:  # it asks nothing: a sweep, say
+        return Session(read.scene)
+    if "pressure" in asked:
+        return Session(read.scene, asked["pressure"])
+    if not asked:
+        return Session(read.scene, None)
+    found = float(pressure_for(read.scene, **asked).pressure)
+    return Session(read.scene, found if np.isfinite(found) else FIRST_PRESSURE)

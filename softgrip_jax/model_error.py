@@ -1,0 +1,43 @@
+"""How far models are from finite elements, where that is known: a sentence for each number of a scene.
+
+The numbers are those of docs/benchmarks/models.csv: finite elements of the shell of the thesis (a 16 mm, b 43 mm, t_m
+1.1 mm) and of a finger's cover, neo-Hookean. Other designs may be further off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from . import pneunet, shell
+from .shell.energy.scene import EnergyScene
+
+FREE = {
+    "arc": "13 to 15 % less than finite elements, 5 to 17.5 kPa",
+    "energy": "0.4 to 1.5 % more than finite elements, 5 to 17.5 kPa",
+}
+PLANE = {
+    "arc": "11 to 21 % less than finite elements, 5 to 20 kPa",
+    "energy": "within 0.5 to 4.3 % of finite elements, 5 to 20 kPa",
+}
+LIMIT = {"arc": "3.2 % more than finite elements", "energy": "1.3 % less than finite elements"}
+DRIVE = "a quarter of what finite elements of chambers, rims and cover together give; drive = 'cell' is near them"
+TIP = "a fifth of what finite elements of chambers, rims and cover together give; drive = 'cell' is nearer"
+CELL = "nearly what finite elements of the same cells give, inside the range that the law was fitted to"
+
+
+def model_error(scene: Any, observable: str) -> str:
+    """What is known of the error of an observable of a scene against finite elements; '' where nothing is."""
+    prepared = scene.prepared()
+    if isinstance(prepared, EnergyScene) or isinstance(scene, shell.Free | shell.FlatContact):
+        model = "energy" if isinstance(prepared, EnergyScene) else "arc"
+        touched = getattr(prepared, "body", None) is not None or isinstance(scene, shell.FlatContact)
+        if observable == "limit_pressure":
+            return "" if touched else LIMIT[model]
+        if observable == "inflation" and not touched:
+            return FREE[model]
+        return PLANE[model] if observable == "force" and isinstance(scene, shell.FlatContact) else ""
+    if isinstance(scene, pneunet.Free | pneunet.TipContact | pneunet.Grasp):
+        if getattr(scene, "drive", "thesis") == "cell":
+            return CELL if observable in ("end_moment", "tip_force") else ""
+        return {"end_moment": DRIVE, "tip_force": TIP}.get(observable, "")
+    return ""

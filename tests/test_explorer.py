@@ -1,0 +1,207 @@
+"""The explorer without a browser: what moves, what is answered, what is told, and that nothing queues."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import softgrip_jax as sg
+from softgrip_jax import config as configs
+from softgrip_jax.explorer.controls import numbers_of
+from softgrip_jax.explorer.latest import Latest
+from softgrip_jax.explorer.session import PRESSURE, Session, answer
+from softgrip_jax.units import kPa, mm
+
+
+def plane():
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    return sg.shell.FlatContact(shell, distance=5 * mm)
+
+
+def answered(session):
+    for stage in answer(session.question()):
+        session.take(stage)
+    return session
+
+
+@pytest.fixture(scope="module")
+def first():
+    return answered(Session(plane(), 15 * kPa))
+
+
+def test_the_state_is_that_of_solve(first):
+    force = sg.solve(plane(), 15 * kPa).force
+    assert float(first.good.solution.force) == pytest.approx(float(force), rel=1e-12)
+    assert len(first.good.sections) == 2
+
+
+def test_the_curve_begins_at_contact_and_goes_through_the_limit(first):
+    assert first.curve.contact == pytest.approx(float(sg.contact_pressure(plane())), rel=1e-9)
+    assert first.curve.limit == pytest.approx(float(sg.limit_pressure(plane())), rel=1e-9)
+    inside = first.curve.stable
+    k = int(np.count_nonzero(inside)) // 2
+    found = sg.solve(plane(), first.curve.pressure[k]).force
+    assert first.curve.value[k] == pytest.approx(float(found), rel=1e-6)
+
+
+def test_elasticities_are_those_of_differences(first):
+    step, bars = 1e-4, dict(first.helps.bars)
+    for key in ("shell.a_mm", "distance_mm", PRESSURE):
+        forces = []
+        for factor in (1 + step, 1 - step):
+            session = Session(plane(), 15 * kPa)
+            session.values[key] = session.values[key] * factor
+            forces.append(float(sg.solve(session.current(), session.values[PRESSURE]).force))
+        slope = (np.log(forces[0]) - np.log(forces[1])) / (np.log1p(step) - np.log1p(-step))
+        assert bars["pressure" if key == PRESSURE else key] == pytest.approx(slope, rel=1e-5)
+    # At a given p / mu forces are in proportion to mu.
+    assert bars["pressure"] + bars["shell.material.mu_kPa"] == pytest.approx(1)
+
+
+def test_every_slider_goes_to_both_ends():
+    """A state, or a sentence that says why there is none; the last good picture stays."""
+    session = answered(Session(plane(), 15 * kPa))
+    for key in list(session.numbers):
+        for place in (0.0, 1.0):
+            assert session.move(key, place) == ""
+            number = session.numbers[key]
+            assert session.values[key] == pytest.approx((number.low, number.high)[int(place)], rel=1e-4)
+            stages = list(answer(session.question()))
+            session.take(stages[0])
+            assert session.good is not None
+            assert bool(session.message) == (isinstance(stages[0], str) or not stages[0].ok)
+        session.type_in(key, number.shown(session.scene_value(key)))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("abc", "shell.a_mm is 'abc'; it must be a positive finite number in mm."),
+        ("-3", "shell.a_mm is -3; it must be a positive finite number in mm."),
+        ("1e400", "shell.a_mm is inf; it must be a positive finite number in mm."),
+        ("__import__('os')", "it must be a positive finite number in mm."),
+        ("", "it must be a positive finite number in mm."),
+    ],
+)
+def test_nonsense_is_told_and_changes_nothing(first, text, words):
+    before = dict(first.values)
+    assert words in first.type_in("shell.a_mm", text)
+    assert first.values == before
+
+
+def test_a_state_that_is_none_leaves_the_last_good_one():
+    session = answered(Session(plane(), 15 * kPa))
+    good = session.good
+    session.type_in("shell.b_mm", "10")  # shorter than wide
+    answered(session)
+    assert session.message
+    assert session.good is good
+    session.type_in("shell.b_mm", "43")
+    answered(session)
+    assert session.message == ""
+
+
+def test_a_number_beyond_the_slider_makes_it_longer(first):
+    session = Session(plane(), 15 * kPa)
+    assert session.type_in("distance_mm", "33 mm") == ""
+    assert session.numbers["distance_mm"].high >= 33 * mm
+    assert session.values["distance_mm"] == pytest.approx(33 * mm)
+
+
+def test_what_is_taken_along_gives_the_same(first, tmp_path, capsys):
+    session = Session(plane(), 15 * kPa)
+    session.type_in("shell.t_m_mm", "1.2")
+    answered(session)
+    file = tmp_path / "explored.toml"
+    file.write_text(session.toml(), encoding="utf-8")
+    read = configs.load(file)
+    wanted = float(session.good.solution.force)
+    assert float(sg.solve(read.scene, configs.question(read)["pressure"]).force) == pytest.approx(wanted, rel=1e-12)
+    *lines, last = session.python().strip().splitlines()
+    names = {}
+    exec("\n".join([*lines, last.replace("print(", "found = (", 1)]), names)
+    assert float(names["found"].force) == pytest.approx(wanted, rel=1e-12)
+    rows = session.table().splitlines()
+    assert rows[0] == "pressure_kPa,force_N,before_limit"
+    assert len(rows) == 1 + len(session.curve.pressure)
+    assert session.picture("svg").startswith(b"<?xml")
+
+
+def test_choices_keep_the_numbers_that_both_have():
+    session = Session(plane(), 15 * kPa)
+    session.type_in("shell.a_mm", "15")
+    assert session.choose("shell.material.type", "Gent") == ""
+    assert isinstance(session.scene.shell.material, sg.Gent)
+    assert session.values["shell.a_mm"] == pytest.approx(15 * mm)
+    assert len([key for key in session.numbers if key.startswith("shell.material.")]) == 2
+    assert session.values["shell.material.mu_kPa"] == pytest.approx(175 * kPa)
+
+
+def test_pins_are_compared(first):
+    session = answered(Session(plane(), 15 * kPa))
+    session.pin()
+    session.type_in("distance_mm", "6")
+    answered(session)
+    head, rows = session.differences()
+    assert head == ["", "pin 1", "now"]
+    assert ["distance_mm", "5", "6"] in rows
+    assert not [row for row in rows if row[0] == "shell.a_mm"]
+
+
+def test_sessions_do_not_see_each_other():
+    one, other = Session(plane(), 15 * kPa), Session(plane(), 15 * kPa)
+    one.type_in("distance_mm", "7")
+    assert other.values["distance_mm"] == pytest.approx(5 * mm)
+
+
+def test_zero_and_arrays_have_sliders_too():
+    finger = sg.PneuNet.table_5_1("A")
+    numbers = {number.key: number for number in numbers_of(sg.pneunet.TipContact(finger, weight=(0.0, -2.0)))}
+    assert numbers["weight_N_per_m[1]"].value == -2.0
+    assert numbers["tip_offset_mm"].low < 0 < numbers["tip_offset_mm"].high
+    assert numbers["finger.a_mm"].is_log
+    assert not numbers["tip_offset_mm"].is_log
+
+
+def test_only_the_newest_question_is_answered():
+    """Ten questions while one is computed: that one and the newest are begun, and the old one is given up."""
+    begun, delivered, wait = [], [], threading.Event()
+
+    def slow(question):
+        begun.append(question)
+        if question == 0:
+            wait.wait(5)
+        yield "picture"
+        yield "curve"
+
+    work = Latest(slow, lambda question, stage: delivered.append((question, stage)), lambda *fault: None)
+    work.ask(0)
+    while not begun:
+        time.sleep(0.001)
+    for question in range(1, 11):
+        work.ask(question)
+    wait.set()
+    assert work.settle(5.0)
+    work.close()
+    assert begun == [0, 10]
+    assert delivered == [(0, "picture"), (10, "picture"), (10, "curve")]
+    assert (work.never_begun, work.given_up) == (9, 1)
+
+
+def test_a_fault_does_not_end_the_thread():
+    told = []
+
+    def faulty(question):
+        if question == 1:
+            raise ZeroDivisionError
+        yield question
+
+    found = []
+    work = Latest(faulty, lambda question, stage: found.append(stage), lambda question, error: told.append(error))
+    for question in (1, 2):
+        work.ask(question)
+        assert work.settle(5.0)
+    work.close()
+    assert found == [2]
+    assert isinstance(told[0], ZeroDivisionError)

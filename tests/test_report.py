@@ -1,0 +1,96 @@
+"""Reports: everything of the run is in one file, nothing is fetched, and two runs are told apart."""
+
+import json
+import re
+import shlex
+
+import numpy as np
+import pytest
+
+from softgrip_jax import cli
+from softgrip_jax.report.run import change, flat, numbers_of, write_report
+
+CONFIG = """
+[scene]
+type = "shell.FlatContact"
+distance_mm = {distance}
+shell = {{ a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = {{ type = "NeoHookean", mu_kPa = 175 }} }}
+
+[solve]
+pressure_kPa = 15
+
+[sensitivity]
+
+[[sensitivity.variables]]
+name = "distance_mm"
+"""
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs of `softgrip sensitivity` that differ in one number."""
+    place, found = tmp_path_factory.mktemp("runs"), []
+    for name, distance in (("near", 5.0), ("far", 6.5)):
+        config = place / f"{name}.toml"
+        config.write_text(CONFIG.format(distance=distance), encoding="utf-8")
+        assert cli.run(["sensitivity", str(config), "--out", str(place / name)]) == 0
+        found.append(place / name)
+    return found
+
+
+def test_the_report_of_a_run_is_whole(runs):
+    text = (runs[0] / "report.html").read_text(encoding="utf-8")
+    assert "distance_mm = 5.0" in text
+    assert "softgrip sensitivity config.toml" in text
+    assert "11 to 21 % less than finite elements" in text
+    assert "data:image/png;base64," in text
+    tags = re.sub(r"(<script[^>]*>).*?</script>", r"\1", text, flags=re.DOTALL)
+    outside = re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="(?!data:)([^"]+)"', tags)
+    assert outside == []
+    value = next(line for line in (runs[0] / "elasticities.csv").read_text().splitlines() if line.startswith("force"))
+    assert f"{float(value.split(',')[1]):.6g}" in text
+
+
+def test_nothing_of_a_config_becomes_html(tmp_path):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "config.toml").write_text(f"# <script>alert(1)</script>\n{CONFIG.format(distance=5.0)}")
+    (folder / "result.json").write_text(json.dumps({"<b>best</b>": 1.0}))
+    text = write_report(folder).read_text(encoding="utf-8")
+    assert "<script>alert(1)" not in text
+    assert "<b>best" not in text
+
+
+def test_two_runs_are_compared(runs, tmp_path, capsys):
+    out = tmp_path / "both.html"
+    assert cli.run(["report", *map(str, runs), "--out", str(out)]) == 0
+    text = out.read_text(encoding="utf-8")
+    assert re.search(r"<tr><td>scene.distance_mm</td><td>5</td><td>6.5</td></tr>", text)
+    assert "scene.shell.a_mm" not in text.partition("Results")[0]
+    assert shlex.join(["softgrip", "sensitivity", str(runs[1] / "config.toml")]) in text
+
+
+def test_mistakes_are_one_sentence(tmp_path, capsys):
+    assert cli.run(["report", str(tmp_path / "nowhere")]) == cli.MISTAKE
+    assert "there is no such folder" in capsys.readouterr().err
+    assert cli.run(["report", str(tmp_path)]) == cli.MISTAKE
+    assert "there is no config.toml in it" in capsys.readouterr().err
+
+
+def test_the_report_of_a_curve(tmp_path):
+    config, page = tmp_path / "flat.toml", tmp_path / "curve.html"
+    config.write_text(CONFIG.format(distance=5.0), encoding="utf-8")
+    options = ["--to-kPa", "20", "--points", "5", "--report", str(page)]
+    assert cli.run(["path", str(config), *options]) == 0
+    text = page.read_text(encoding="utf-8")
+    assert "status: " in text
+    assert "--to-kPa 20 --points 5" in text
+
+
+def test_tables_are_read_as_numbers():
+    found = numbers_of(["a", "b", "c"], [["1", "x", ""], ["2.5", "y", "3"]])
+    assert list(found) == ["a", "c"]
+    np.testing.assert_array_equal(found["c"], [np.nan, 3.0])
+    assert flat({"a": {"b": [{"c": 1}, {"c": 2}]}}) == {"a.b[1].c": 1, "a.b[2].c": 2}
+    assert change(2.0, 3.0) == "1 (+50 %)"
+    assert change("a", "b") == ""
