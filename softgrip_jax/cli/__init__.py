@@ -24,13 +24,26 @@ from . import ending
 from . import files as files
 from . import runs as runs
 from . import scenes as scenes
+from . import verify as verify
 from .app import FAULT as FAULT
 from .app import MISTAKE as MISTAKE
 from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
-ORDER = ("new", "solve", "path", "sweep", "summary", "sensitivity", "design", "calibrate", "reproduce", "schema")
+ORDER = (
+    "new",
+    "solve",
+    "path",
+    "sweep",
+    "summary",
+    "sensitivity",
+    "design",
+    "verify",
+    "calibrate",
+    "reproduce",
+    "schema",
+)
 """Of the commands in `softgrip --help`: from the first steps on; others follow."""
 
 

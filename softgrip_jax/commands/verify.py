@@ -1,0 +1,305 @@
+"""`softgrip verify CONFIG.toml`: the error of our models for THIS design, by finite elements of it.
+
+Reads the scene of a config and the pressure that [solve] asks for; writes a folder with the table, the numbers and a
+picture of both shapes, and keeps the errors where `softgrip_jax.fidelity` finds them for designs nearby.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ..errors import ConfigError, InputError, located
+from ..folders import contents, new_folder, write_whole
+from ..progress import LINE_SECONDS
+from ..tables import Table
+from .files import one_scene
+
+SHARES = (1 / 3, 2 / 3, 1.0)
+"""Of the pressure, at which a shell is compared."""
+MISSING = 'softgrip verify needs scikit-fem: pip install "softgrip_jax[verify]".'
+
+
+def require_elements() -> None:
+    """A ConfigError where scikit-fem is not installed."""
+    import importlib.util
+
+    if importlib.util.find_spec("skfem") is None:
+        raise ConfigError(MISSING)
+
+
+def run_verify(
+    config: Path,
+    pressure_kpa: float | None,
+    scene: str | None,
+    fine: bool,
+    out: Path | None,
+    keep: Path | None,
+    as_json: bool,
+    console: Console,
+) -> Path:
+    """Compare the scene of a config with finite elements; returns the folder. The arguments are the options.
+
+    Ctrl-C keeps what is there, in the folder and in the report, and is raised again.
+    """
+    from ..verify import kept as memory
+    from ..verify import run as elements
+
+    require_elements()
+    read = one_scene(config, scene)
+    pressure = asked_pressure(read, config, pressure_kpa)
+    began, stopped = time.monotonic(), False
+    with located(f"{config}"):
+        case = case_of(read.scene, pressure)
+    found: list[Any] = []
+    with new_folder(out, f"{config.stem}_verified") as (folder, final):
+        with Signs(Console(stderr=True)) as signs:
+            try:
+                signs.tell("our models")
+                models = case.models()
+                parts = elements.FINE_PARTS if fine else elements.PARTS
+                for now in elements.compare(case.build, case.targets, parts, signs.watch):
+                    found = now
+            except KeyboardInterrupt:
+                if not any(one.values for one in found):
+                    raise
+                stopped = True
+        rows = case.rows(found, models)
+        spent = time.monotonic() - began
+        if not rows:
+            raise ConfigError(
+                f"{config}: finite elements found no equilibrium up to {pressure / 1e3:.4g} kPa; give a smaller "
+                "--pressure-kPa."
+            )
+        data = {
+            "config": str(config),
+            "scene": case.name,
+            "stopped": stopped,
+            "seconds": spent,
+            "meshes": case.meshes(found),
+            "rows": [row.as_data() for row in rows],
+        }
+        write_whole(folder / "result.json", json.dumps(data, indent=2, allow_nan=False).encode())
+        write_whole(folder / "table.csv", table_of(rows).encode())
+        picture = case.picture(found)
+        if picture is not None:
+            write_whole(folder / "shapes.png", picture.savefig)
+    kept = memory.keep(read.scene, data["rows"], keep or memory.FOLDER)
+    if as_json:
+        print(json.dumps({"folder": str(final), "kept": str(kept)} | data, indent=2, allow_nan=False))
+    else:
+        report(case, rows, found, console)
+        for sentence in case.remarks(found):
+            console.print(sentence, soft_wrap=True, markup=False)
+        console.print(
+            f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. Near this design its errors are "
+            f"told from now on: {kept}.",
+            soft_wrap=True,
+        )
+    if stopped:
+        raise KeyboardInterrupt
+    return final
+
+
+def asked_pressure(read: Any, config: Path, pressure_kpa: float | None) -> float:
+    """The pressure in Pa: the option's, that of [solve], or what reaches the target of [solve] by our model."""
+    from .. import config as configs
+    from ..questions import pressure_for
+    from ..results import Status
+
+    if pressure_kpa is not None:
+        pressure = float(configs.read_numbers(pressure_kpa, "--pressure-kPa", "positive", "pressure", [""]))
+        return pressure
+    asked = configs.question(read)
+    if "pressure" in asked:
+        if asked["pressure"] <= 0:
+            raise ConfigError(f"{config}, [solve]: pressure_kPa is 0; finite elements need a pressure.")
+        return float(asked["pressure"])
+    with located(f"{config}, [solve]"):
+        solution = pressure_for(read.scene, **asked)
+    if int(solution.status) != Status.OK:
+        raise ConfigError(f"{config}, [solve]: there is no pressure to verify at: {solution.reason_text()}.")
+    return float(solution.pressure)
+
+
+class Signs:
+    """How far the finite elements are, with the time that is left."""
+
+    def __init__(self, console: Console):
+        self.console, self.last, self.status = console, -LINE_SECONDS, None
+
+    def __enter__(self) -> Signs:
+        if self.console.is_terminal:
+            self.status = self.console.status("")
+            self.status.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self.status is not None:
+            self.status.stop()
+
+    def tell(self, words: str) -> None:
+        """Say it: at once where there is a terminal, else now and then."""
+        now = time.monotonic()
+        if self.status is not None:
+            self.status.update(words)
+        elif now - self.last >= LINE_SECONDS:
+            self.last = now
+            self.console.print(words, soft_wrap=True, highlight=False)
+
+    def watch(self, share: float, left: float) -> None:
+        """A share that is done, and the seconds that are left."""
+        self.tell(f"finite elements: {100 * share:.0f} %, about {max(left, 1):.0f} s left")
+
+
+@dataclasses.dataclass
+class Case:
+    """What is compared of one scene."""
+
+    name: str
+    targets: list[Any]
+    build: Callable[[int], Any]
+    models: Callable[[], Any]
+    rows: Callable[[list[Any], Any], list[Any]]
+    picture: Callable[[list[Any]], Any]
+
+    def meshes(self, found: list[Any]) -> list[dict[str, float]]:
+        """Of each target, in the order in which they were followed."""
+        return [
+            {"pressure": one.target.pressure, "meshes": len(one.values), "seconds": sum(one.seconds)} for one in found
+        ]
+
+    def remarks(self, found: list[Any]) -> list[str]:
+        """What people must know."""
+        missing = [one.target for one in found if not one.values]
+        if not missing:
+            return []
+        least = min(target.pressure for target in missing) / 1e3
+        return [f"Finite elements found no equilibrium at {least:.4g} kPa and above."]
+
+
+def case_of(scene: Any, pressure: float) -> Case:
+    """What is compared of a scene, and how.
+
+    Raises:
+        InputError: for a scene that finite elements are not there for.
+    """
+    from ..config.modules import type_name
+    from ..verify.shell import is_shell
+
+    if is_shell(scene):
+        return shell_case(scene, pressure, type_name(type(scene)))
+    raise InputError(f"{type_name(type(scene))} has no finite elements; shells and uniform fingers have.")
+
+
+def shell_case(scene: Any, pressure: float, name: str) -> Case:
+    """A membrane at three pressures."""
+    from ..plots.elements import elements_and_models
+    from ..questions import solve
+    from ..verify import rows
+    from ..verify.run import Target
+    from ..verify.shell import Plate
+
+    targets = [Target(share * pressure) for share in SHARES]
+    models = rows.shell_models(scene)
+
+    def picture(found: list[Any]) -> Any:
+        known = [one for one in found if one.values]
+        if not known:
+            return None
+        last = known[-1]
+        shape = last.mesh.profile(last.state)
+        solids = []
+        for s, z in (("x", "z"), ("y", "z_length")):
+            low, high = (np.stack([shape[s + face], shape[z + face]], axis=1) for face in ("_inner", "_outer"))
+            solids.append(np.concatenate([low, high[::-1]]))
+        lines: dict[str, Any] = {}
+        for model, one in models.items():
+            if name == "pneunet.Chamber":
+                continue
+            profile = {k: np.asarray(v) for k, v in solve(one, last.target.pressure).shape(201).items()}
+            pair = [("x_face", "z_face"), ("y_face", "z_length_face")]
+            if "x_face" not in profile:
+                pair = [("x", "z"), ("y", "z_length")]
+            lines[model] = [
+                np.stack([profile[s], profile[z]], axis=1) if s in profile and z in profile else None for s, z in pair
+            ]
+        views = ["across the width, x (mm)", "along the length, y (mm)"]
+        title = f"{name} at {last.target.pressure / 1e3:.4g} kPa"
+        return elements_and_models(views, solids, lines, title=title)
+
+    return Case(
+        name,
+        targets,
+        lambda parts: Plate(scene, parts),
+        lambda: rows.model_values(models, targets),
+        lambda found, values: rows.rows_of(found, rows.QUANTITIES, values),
+        picture,
+    )
+
+
+def report(case: Case, rows: list[Any], found: list[Any], console: Console) -> None:
+    """The table for people."""
+    from ..results import in_units
+    from ..units import DISPLAY, kPa
+
+    names = list(rows[0].models)
+    table = Table(title=f"{case.name} and its finite elements", title_justify="left")
+    table.add_column("", no_wrap=True)
+    table.add_column("kPa", justify="right")
+    if any(row.curvature is not None for row in rows):
+        table.add_column("1/m", justify="right")
+    for name in (*names, "finite elements"):
+        table.add_column(name, justify="right")
+    for name in names:
+        table.add_column(f"{name}, difference", justify="right")
+    for name in ("mesh error", "seconds"):
+        table.add_column(name, justify="right")
+    for place, row in enumerate(rows):
+        unit = DISPLAY[row.kind][1]
+        small = row.mesh_error is None
+        mesh = "-" if small else f"{abs(row.mesh_error) / unit:.2g} {DISPLAY[row.kind][0]}".strip()
+        bent = [f"{row.curvature:.4g}"] if row.curvature is not None else []
+        state = (row.pressure, row.curvature)
+        before = rows[place - 1] if place else None
+        same = before is not None and (before.pressure, before.curvature) == state
+        table.add_row(
+            row.quantity.replace("_", " "),
+            f"{row.pressure / kPa:.4g}",
+            *bent,
+            *(in_units(row.models[name], row.kind) for name in names),
+            in_units(row.elements, row.kind),
+            *(
+                f"{100 * row.difference(name):+.3g} %" if row.difference(name) == row.difference(name) else "-"
+                for name in names
+            ),
+            mesh,
+            "" if same else f"{row.seconds:.1f}",
+        )
+    console.print(table)
+
+
+def table_of(rows: list[Any]) -> str:
+    """The rows as CSV, in SI."""
+    from ..units import SI
+
+    text = io.StringIO()
+    writer = csv.writer(text)
+    names = list(rows[0].models)
+    head = ["quantity", "unit", "pressure_Pa", "curvature_per_m", *names, "finite_elements"]
+    writer.writerow([*head, *(f"{name}_difference" for name in names), "mesh_error", "seconds"])
+    for row in rows:
+        bent = "" if row.curvature is None else row.curvature
+        values = [row.quantity, SI[row.kind], row.pressure, bent, *row.models.values(), row.elements]
+        mesh = "" if row.mesh_error is None else row.mesh_error
+        writer.writerow([*values, *(row.difference(name) for name in names), mesh, round(row.seconds, 2)])
+    return text.getvalue()
