@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import functools
 import io
 import json
 import time
@@ -22,7 +23,7 @@ from ..errors import ConfigError, InputError, located
 from ..folders import contents, new_folder, write_whole
 from ..progress import LINE_SECONDS
 from ..tables import Table
-from .files import one_scene
+from .files import check_file, one_scene, tell_file
 
 SHARES = (1 / 3, 2 / 3, 1.0)
 """Of the pressure, at which a shell is compared."""
@@ -92,7 +93,7 @@ def run_verify(
         write_whole(folder / "table.csv", table_of(rows).encode())
         picture = case.picture(found)
         if picture is not None:
-            write_whole(folder / "shapes.png", picture.savefig)
+            write_whole(folder / "shapes.png", functools.partial(picture.savefig, bbox_inches="tight", dpi=200))
     kept = memory.keep(read.scene, data["rows"], keep or memory.FOLDER)
     if as_json:
         print(json.dumps({"folder": str(final), "kept": str(kept)} | data, indent=2, allow_nan=False))
@@ -108,6 +109,28 @@ def run_verify(
     if stopped:
         raise KeyboardInterrupt
     return final
+
+
+ENDINGS = {"abaqus": ".inp", "calculix": ".inp", "febio": ".feb"}
+
+
+def run_deck(config: Path, pressure_kpa: float | None, scene: str | None, format: str, out: Path | None) -> Path:
+    """Write the input deck of the same finite elements for another program; returns the file."""
+    require_elements()
+    if format not in ENDINGS:
+        raise ConfigError(f"--deck is {format!r}; it must be one of {', '.join(ENDINGS)}.")
+    path = out or Path(f"{config.stem}{ENDINGS[format]}")
+    if path.exists():
+        raise ConfigError(f"{path} exists already; give --out a new name.")
+    check_file(path, "--out", (ENDINGS[format],))
+    read = one_scene(config, scene)
+    pressure = asked_pressure(read, config, pressure_kpa)
+    from ..verify.decks import write_deck
+
+    with located(f"{config}"):
+        write_deck(read.scene, pressure, format, path)
+    tell_file("The deck", path, False)
+    return path
 
 
 def asked_pressure(read: Any, config: Path, pressure_kpa: float | None) -> float:
@@ -194,8 +217,11 @@ def case_of(scene: Any, pressure: float) -> Case:
         InputError: for a scene that finite elements are not there for.
     """
     from ..config.modules import type_name
+    from ..verify.finger import is_finger
     from ..verify.shell import is_shell
 
+    if is_finger(scene):
+        return finger_case(scene, pressure, type_name(type(scene)))
     if is_shell(scene):
         return shell_case(scene, pressure, type_name(type(scene)))
     raise InputError(f"{type_name(type(scene))} has no finite elements; shells and uniform fingers have.")
@@ -243,6 +269,42 @@ def shell_case(scene: Any, pressure: float, name: str) -> Case:
         lambda parts: Plate(scene, parts),
         lambda: rows.model_values(models, targets),
         lambda found, values: rows.rows_of(found, rows.QUANTITIES, values),
+        picture,
+    )
+
+
+def finger_case(scene: Any, pressure: float, name: str) -> Case:
+    """A finger's cell: straight, bent as the solution is, and free."""
+    from ..plots.elements import cells_and_walls
+    from ..questions import solve
+    from ..results import Status
+    from ..verify import finger as fingers
+    from ..verify import rows
+    from ..verify.cell import CellSolid
+
+    targets = fingers.targets_of(scene, pressure)
+    CellSolid(scene.finger)  # says what is wrong with the dimensions before anything takes long
+
+    def picture(found: list[Any]) -> Any:
+        drawn = []
+        for one in found:
+            if not one.values or one.target.pressure != pressure:
+                continue
+            bend = one.state.bend
+            thesis = fingers.drives_of(scene)["thesis"]
+            wall = solve(fingers.chamber_at(thesis, bend), pressure)
+            words = "free" if one.target.free else "straight" if bend == 0 else "bent"
+            title = f"{words}, {bend:.3g} 1/m"
+            known = wall if int(wall.status) in (Status.OK, Status.NO_CONTACT) else None
+            drawn.append((title, one.mesh.section(one.state), one.mesh.plane(one.state), known))
+        return cells_and_walls(drawn, f"{name}: a cell at {pressure / 1e3:.4g} kPa") if drawn else None
+
+    return Case(
+        name,
+        targets,
+        lambda parts: CellSolid(scene.finger, parts),
+        lambda: fingers.model_values(scene, targets),
+        lambda found, values: rows.rows_of(found, fingers.QUANTITIES, values),
         picture,
     )
 

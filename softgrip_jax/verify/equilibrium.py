@@ -25,9 +25,9 @@ PATIENCE = 40
 CLOSE = 1e-7
 """Forces out of balance, over what the air does on the faces that it presses."""
 LEAST_STEP = 1 / 512
-"""Of the largest pressure: where smaller steps would be needed no equilibrium is near."""
+"""Of the largest pressure or curvature: where smaller steps would be needed no equilibrium is near."""
 FIRST_STEP = 1 / 24
-"""Of the largest pressure, for the first step."""
+"""Of the largest pressure or curvature, for the first step."""
 GROWTH = 1.7
 FEW = 6
 """Iterations of a step after which the next one is GROWTH as long."""
@@ -76,12 +76,14 @@ class State:
         y: unknowns of the displacement.
         q: pressures of the elements, Pa, shape (elements, 4).
         multipliers: contact pressures per area at rest, Pa, shape of the contact's points.
+        bend: curvature to which the constraints bend the solid, 1/m.
     """
 
     pressure: float
     y: np.ndarray
     q: np.ndarray
     multipliers: np.ndarray | None = None
+    bend: float = 0.0
 
 
 class Balance(NamedTuple):
@@ -127,6 +129,7 @@ class Model:
         T, g: the displacement is T y + g; T has a row for each number of the displacement.
         contact: what may be touched.
         shift: whether the last unknown moves the object of the contact.
+        bent: curvature (1/m) -> T, g, where the constraints bend the solid.
     """
 
     def __init__(
@@ -137,7 +140,9 @@ class Model:
         g: Float[np.ndarray, " numbers"] | None = None,
         contact: Contact | None = None,
         shift: bool = False,
+        bent: Callable[[float], tuple[Any, np.ndarray]] | None = None,
     ):
+        self._bent, self._bend = bent, 0.0
         self.solid, self.pressed, self.contact, self.shift = solid, pressed, contact, shift
         self.constrain(T, g)
         self.solve = linear_solver()
@@ -149,6 +154,12 @@ class Model:
         self.T: Any = sp.csr_matrix(T)
         self.g = np.zeros(self.solid.size) if g is None else g
         self.Tt: Any = self.T.T.tocsr()
+
+    def at(self, bend: float) -> None:
+        """The constraints at a curvature, 1/m."""
+        if self._bent is not None and bend != self._bend:
+            self.constrain(*self._bent(bend))
+            self._bend = bend
 
     def rest(self) -> State:
         """The solid without loads."""
@@ -241,6 +252,7 @@ class Model:
             NoStateError: where it does not come to one.
         """
         state = dataclasses.replace(state)
+        self.at(state.bend)
         unit = self.solid.modulus * float(np.mean(np.prod(2 * self.solid.boxes[1], axis=1)) ** (2 / 3))
         for iteration in range(iterations):
             self.watch(state.pressure)
@@ -277,35 +289,43 @@ class Model:
             state, _ = self.newton(dataclasses.replace(state, multipliers=pressures), most, PATIENCE)
         return state
 
-    def follow(
-        self, state: State, pressures: Sequence[float], most: float, first: float | None = None
-    ) -> Iterator[State]:
-        """Equilibria at rising pressures (Pa), from a state on; ends early where there are none any more."""
+    def follow(self, state: State, stops: Sequence[tuple[float, float]], most: float) -> Iterator[State]:
+        """Equilibria at (pressure, Pa; curvature, 1/m), one after the other from a state on; ends early where there are
+        none any more."""
+        top = max(pressure for pressure, _ in stops) or 1.0
+        bend = max(abs(curvature) for _, curvature in stops) or 1.0
         last: State | None = None
-        top = max(pressures)
-        step = (first or FIRST_STEP) * top
-        for target in pressures:
-            while state.pressure < target * (1 - 1e-12):
-                left = target - state.pressure
-                # No tiny step is left over before a target.
-                ahead = left if step > 0.999 * left else (0.5 * left if step > 0.6 * left else step)
-                guess = dataclasses.replace(state, pressure=state.pressure + ahead)
+        direction, step = None, FIRST_STEP
+        for pressure, curvature in stops:
+            way = (pressure - state.pressure, curvature - state.bend)
+            length = abs(way[0]) / top + abs(way[1]) / bend
+            if direction != (way[0] != 0, way[1] != 0):
+                last, direction, step = None, (way[0] != 0, way[1] != 0), FIRST_STEP
+            done, start = 0.0, (state.pressure, state.bend)
+            while done < 1 and length > 0:
+                left = 1 - done
+                ahead = step / length
+                # No tiny step is left over before a stop.
+                ahead = left if ahead > 0.999 * left else (0.5 * left if ahead > 0.6 * left else ahead)
+                share = done + ahead if ahead < left else 1.0
+                guess = dataclasses.replace(
+                    state, pressure=start[0] + share * way[0], bend=start[1] + share * way[1], y=state.y, q=state.q
+                )
                 if last is not None:
-                    share = ahead / (state.pressure - last.pressure)
-                    guess.y = state.y + share * (state.y - last.y)
-                    guess.q = state.q + share * (state.q - last.q)
+                    before = abs(state.pressure - last.pressure) / top + abs(state.bend - last.bend) / bend
+                    guess.y = state.y + ahead * length / before * (state.y - last.y)
+                    guess.q = state.q + ahead * length / before * (state.q - last.q)
                 try:
                     found, count = self.newton(guess, most)
                 except NoStateError:
-                    step = 0.4 * ahead
-                    if step < LEAST_STEP * top:
+                    step = 0.4 * ahead * length
+                    if step < LEAST_STEP:
                         return
                     continue
-                last, state = state, found
-                step = ahead * (GROWTH if count <= FEW else 1.0 if count <= FEW + 3 else 0.6)
-            if self.contact is not None:
-                try:
-                    state = self.augmented(state, most)
-                except NoStateError:
-                    return
+                last, state, done = state, found, share
+                step = ahead * length * (GROWTH if count <= FEW else 1.0 if count <= FEW + 3 else 0.6)
+            try:
+                state = self.augmented(state, most)
+            except NoStateError:
+                return
             yield state

@@ -33,7 +33,7 @@ class Nearby(NamedTuple):
     """What finite elements said of a model near to the design at hand.
 
     Args:
-        error: (model - finite elements) / |finite elements| of the quantity, dimensionless.
+        error: model over finite elements, less one, dimensionless.
         mesh_error: of the finite elements, over their value; NaN where one mesh was solved.
         distance: largest relative difference of a number of the two designs, dimensionless.
         file: of the verification.

@@ -42,9 +42,9 @@ class Row(NamedTuple):
     seconds: float
 
     def difference(self, model: str) -> float:
-        """(model - finite elements) / |finite elements|, dimensionless; NaN where there is nothing to compare."""
+        """Model over finite elements, less one, dimensionless; NaN where there is nothing to compare."""
         value = self.models.get(model, math.nan)
-        return (value - self.elements) / abs(self.elements) if self.elements else math.nan
+        return value / self.elements - 1 if self.elements else math.nan
 
     def as_data(self) -> dict[str, Any]:
         """As plain data, with None for what is not a finite number."""
@@ -100,9 +100,13 @@ def model_values(models: dict[str, Any], targets: Sequence[Target]) -> dict[str,
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", CellRangeWarning)
                 solution = solve(scene, target.pressure)
-            known = int(solution.status) in (Status.OK, Status.NO_CONTACT)
+            status = int(solution.status)
             values = {key: float(v) for key, v in solution.observables.items() if np.ndim(v) == 0}
-            found[name].append({k: v for k, v in values.items() if known and means_the_same(scene, k)})
+            # Without contact there is no force, and nothing else is reported.
+            known = [
+                k for k in values if status == Status.OK or (status == Status.NO_CONTACT and k.startswith("force"))
+            ]
+            found[name].append({k: values[k] for k in known if means_the_same(scene, k)})
     return found
 
 

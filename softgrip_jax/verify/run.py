@@ -27,11 +27,13 @@ class Target(NamedTuple):
 
     Args:
         pressure: Pa.
-        curvature: of a finger's cell, 1/m; None elsewhere.
+        curvature: of a finger's cell, 1/m; None elsewhere, and where it is asked for.
+        free: of a finger's cell, whether it bends until no moment is needed.
     """
 
     pressure: float
     curvature: float | None = None
+    free: bool = False
 
 
 class Discrete(Protocol):
@@ -44,8 +46,8 @@ class Discrete(Protocol):
         """States from rest through all targets, in their order; fewer where there are none."""
         ...
 
-    def place(self, target: Target) -> None:
-        """What a target changes in the constraints."""
+    def settle(self, target: Target, state: State) -> State:
+        """The state of a target from one near it."""
         ...
 
     def observe(self, state: State) -> dict[str, float]:
@@ -162,11 +164,9 @@ def compare(
 
             fine.model.watch = step
             assert one.state is not None
-            one.mesh.place(one.target)
-            fine.place(one.target)
             try:
                 state, _ = fine.model.newton(transferred(one.mesh.model, one.state, fine.model), fine.most, PATIENCE)
-                state = fine.model.augmented(state, fine.most)
+                state = fine.settle(one.target, fine.model.augmented(state, fine.most))
             except NoStateError:
                 before = [other.target for other in found[: found.index(one) + 1]]
                 followed = list(fine.follow(before))

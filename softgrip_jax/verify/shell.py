@@ -92,12 +92,13 @@ class Plate:
         self.model = Model(solid, solid.faces(facets_on(self.grid, 2, -t, t)), T, contact=contact)
         self.most = MOST * a
 
-    def place(self, target: Target) -> None:
-        """Nothing: a plate is clamped at all pressures alike."""
+    def settle(self, target: Target, state: State) -> State:
+        """The state itself: nothing but the pressure is asked for."""
+        return state
 
     def follow(self, targets: list[Target]) -> Iterator[State]:
         """States from rest through all targets, at rising pressures."""
-        return self.model.follow(self.model.rest(), [target.pressure for target in targets], self.most)
+        return self.model.follow(self.model.rest(), [(target.pressure, 0.0) for target in targets], self.most)
 
     def observe(self, state: State) -> dict[str, Any]:
         """What is compared, in SI, by the names of our models' observables."""

@@ -53,6 +53,8 @@ def gradient_at(solid: Solid, u: Float[np.ndarray, "nodes 3"], place: Float[np.n
 def transferred(coarse: Model, state: State, fine: Model) -> State:
     """A state of a coarse mesh on a fine one."""
     a, b = coarse.solid, fine.solid
+    coarse.at(state.bend)
+    fine.at(state.bend)
     u, v = coarse.displacement(state.y), np.zeros_like(b.X)
     q = np.zeros((len(b.cells), 4))
     parents = np.array([element_at(a, middle) for middle in b.boxes[0]])
@@ -76,4 +78,4 @@ def transferred(coarse: Model, state: State, fine: Model) -> State:
         known = KDTree(a.at(coarse.contact.faces, np.zeros_like(a.X)).reshape(-1, 3))
         asked = b.at(fine.contact.faces, np.zeros_like(b.X)).reshape(-1, 3)
         multipliers = pressures[known.query(asked)[1]].reshape(fine.contact.faces.areas.shape)
-    return State(state.pressure, y, q, multipliers)
+    return State(state.pressure, y, q, multipliers, state.bend)
