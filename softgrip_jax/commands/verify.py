@@ -54,6 +54,7 @@ def run_verify(
     """
     from ..verify import kept as memory
     from ..verify import run as elements
+    from ..verify.rows import rows_of as part_rows
 
     require_elements()
     read = one_scene(config, scene)
@@ -61,20 +62,26 @@ def run_verify(
     began, stopped = time.monotonic(), False
     with located(f"{config}"):
         case = case_of(read.scene, pressure)
-    found: list[Any] = []
+    found: list[list[Any]] = []
     with new_folder(out, f"{config.stem}_verified") as (folder, final):
         with Signs(Console(stderr=True)) as signs:
             try:
                 signs.tell("our models")
-                models = case.models()
-                parts = elements.FINE_PARTS if fine else elements.PARTS
-                for now in elements.compare(case.build, case.targets, parts, signs.watch):
-                    found = now
+                models = [part.models() for part in case.parts]
+                meshes = elements.FINE_PARTS if fine else elements.PARTS
+                for part in case.parts:
+                    found.append([])
+                    for now in elements.compare(part.build, part.targets, meshes, signs.watch):
+                        found[-1] = now
             except KeyboardInterrupt:
-                if not any(one.values for one in found):
+                if not any(one.values for part in found for one in part):
                     raise
                 stopped = True
-        rows = case.rows(found, models)
+        rows = [
+            row
+            for part, seen, said in zip(case.parts, found, models, strict=False)
+            for row in part_rows(seen, part.quantities, said)
+        ]
         spent = time.monotonic() - began
         if not rows:
             raise ConfigError(
@@ -86,20 +93,20 @@ def run_verify(
             "scene": case.name,
             "stopped": stopped,
             "seconds": spent,
-            "meshes": case.meshes(found),
+            "states": [state_data(one) for part in found for one in part],
             "rows": [row.as_data() for row in rows],
         }
         write_whole(folder / "result.json", json.dumps(data, indent=2, allow_nan=False).encode())
         write_whole(folder / "table.csv", table_of(rows).encode())
-        picture = case.picture(found)
+        picture = case.picture(found[0])
         if picture is not None:
             write_whole(folder / "shapes.png", functools.partial(picture.savefig, bbox_inches="tight", dpi=200))
     kept = memory.keep(read.scene, data["rows"], keep or memory.FOLDER)
     if as_json:
         print(json.dumps({"folder": str(final), "kept": str(kept)} | data, indent=2, allow_nan=False))
     else:
-        report(case, rows, found, console)
-        for sentence in case.remarks(found):
+        report(case.name, rows, console)
+        for sentence in [] if stopped else remarks(found):
             console.print(sentence, soft_wrap=True, markup=False)
         console.print(
             f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. Near this design its errors are "
@@ -185,29 +192,38 @@ class Signs:
 
 
 @dataclasses.dataclass
-class Case:
-    """What is compared of one scene."""
+class Part:
+    """One solid of a scene, with what is compared of it."""
 
-    name: str
     targets: list[Any]
     build: Callable[[int], Any]
     models: Callable[[], Any]
-    rows: Callable[[list[Any], Any], list[Any]]
+    quantities: dict[str, str]
+
+
+@dataclasses.dataclass
+class Case:
+    """What is compared of one scene; the picture is of its first part."""
+
+    name: str
+    parts: list[Part]
     picture: Callable[[list[Any]], Any]
 
-    def meshes(self, found: list[Any]) -> list[dict[str, float]]:
-        """Of each target, in the order in which they were followed."""
-        return [
-            {"pressure": one.target.pressure, "meshes": len(one.values), "seconds": sum(one.seconds)} for one in found
-        ]
 
-    def remarks(self, found: list[Any]) -> list[str]:
-        """What people must know."""
-        missing = [one.target for one in found if not one.values]
-        if not missing:
-            return []
-        least = min(target.pressure for target in missing) / 1e3
-        return [f"Finite elements found no equilibrium at {least:.4g} kPa and above."]
+def state_data(one: Any) -> dict[str, Any]:
+    """All that finite elements say of one state, on all meshes, in SI."""
+    target = one.target
+    place = {"pressure": target.pressure, "curvature": target.curvature, "free": target.free}
+    return place | {"meshes": one.values, "seconds": one.seconds}
+
+
+def remarks(found: list[list[Any]]) -> list[str]:
+    """What people must know."""
+    missing = [one.target for part in found for one in part if not one.values]
+    if not missing:
+        return []
+    least = min(target.pressure for target in missing) / 1e3
+    return [f"Finite elements found no equilibrium for {len(missing)} states, the first at {least:.4g} kPa."]
 
 
 def case_of(scene: Any, pressure: float) -> Case:
@@ -263,14 +279,10 @@ def shell_case(scene: Any, pressure: float, name: str) -> Case:
         title = f"{name} at {last.target.pressure / 1e3:.4g} kPa"
         return elements_and_models(views, solids, lines, title=title)
 
-    return Case(
-        name,
-        targets,
-        lambda parts: Plate(scene, parts),
-        lambda: rows.model_values(models, targets),
-        lambda found, values: rows.rows_of(found, rows.QUANTITIES, values),
-        picture,
+    plate = Part(
+        targets, lambda parts: Plate(scene, parts), lambda: rows.model_values(models, targets), rows.QUANTITIES
     )
+    return Case(name, [plate], picture)
 
 
 def finger_case(scene: Any, pressure: float, name: str) -> Case:
@@ -279,8 +291,9 @@ def finger_case(scene: Any, pressure: float, name: str) -> Case:
     from ..questions import solve
     from ..results import Status
     from ..verify import finger as fingers
-    from ..verify import rows
     from ..verify.cell import CellSolid
+    from ..verify.cover import CoverSolid
+    from ..verify.run import Target
 
     targets = fingers.targets_of(scene, pressure)
     CellSolid(scene.finger)  # says what is wrong with the dimensions before anything takes long
@@ -299,33 +312,39 @@ def finger_case(scene: Any, pressure: float, name: str) -> Case:
             drawn.append((title, one.mesh.section(one.state), one.mesh.plane(one.state), known))
         return cells_and_walls(drawn, f"{name}: a cell at {pressure / 1e3:.4g} kPa") if drawn else None
 
-    return Case(
-        name,
+    cell = Part(
         targets,
         lambda parts: CellSolid(scene.finger, parts),
         lambda: fingers.model_values(scene, targets),
-        lambda found, values: rows.rows_of(found, fingers.QUANTITIES, values),
-        picture,
+        fingers.QUANTITIES,
     )
+    held = fingers.held_cover(scene, pressure)
+    if held is None:
+        return Case(name, [cell], picture)
+    moment, values = held
+    cover = Part(
+        [Target(pressure)],
+        lambda parts: CoverSolid(scene.finger, moment, parts),
+        lambda: {"thesis": [values], "cell": [{}]},
+        fingers.OF_COVER,
+    )
+    return Case(name, [cell, cover], picture)
 
 
-def report(case: Case, rows: list[Any], found: list[Any], console: Console) -> None:
+def report(name: str, rows: list[Any], console: Console) -> None:
     """The table for people."""
     from ..results import in_units
     from ..units import DISPLAY, kPa
 
     names = list(rows[0].models)
-    table = Table(title=f"{case.name} and its finite elements", title_justify="left")
+    table = Table(title=f"{name} and its finite elements", title_justify="left")
     table.add_column("", no_wrap=True)
     table.add_column("kPa", justify="right")
     if any(row.curvature is not None for row in rows):
         table.add_column("1/m", justify="right")
-    for name in (*names, "finite elements"):
-        table.add_column(name, justify="right")
-    for name in names:
-        table.add_column(f"{name}, difference", justify="right")
-    for name in ("mesh error", "seconds"):
-        table.add_column(name, justify="right")
+    heads = (*names, "finite elements", *(f"{model}, difference" for model in names), "mesh error", "seconds")
+    for head in heads:
+        table.add_column(head, justify="right")
     for place, row in enumerate(rows):
         unit = DISPLAY[row.kind][1]
         small = row.mesh_error is None

@@ -125,7 +125,7 @@ class Model:
 
     Args:
         solid: the elements.
-        pressed: faces that the air presses.
+        pressed: faces that the air presses, if any.
         T, g: the displacement is T y + g; T has a row for each number of the displacement.
         contact: what may be touched.
         shift: whether the last unknown moves the object of the contact.
@@ -135,7 +135,7 @@ class Model:
     def __init__(
         self,
         solid: Solid,
-        pressed: Faces,
+        pressed: Faces | None,
         T: Any,
         g: Float[np.ndarray, " numbers"] | None = None,
         contact: Contact | None = None,
@@ -147,7 +147,6 @@ class Model:
         self.constrain(T, g)
         self.solve = linear_solver()
         self.watch: Callable[[float], None] = lambda pressure: None
-        self.area = float(pressed.areas.sum()) if len(pressed.elements) else 0.0
 
     def constrain(self, T: Any, g: np.ndarray | None = None) -> None:
         """Other constraints with the same unknowns."""
@@ -188,7 +187,7 @@ class Model:
         """What is out of balance at a state."""
         solid, u = self.solid, self.displacement(state.y)
         _, forces, blocks, kept = solid.assemble(u, state.q, matrix)
-        if len(self.pressed.elements) and state.pressure:
+        if self.pressed is not None and state.pressure:
             push, by_u = solid.push(self.pressed, u, matrix)
             np.add.at(forces, self.pressed.elements, state.pressure * push)
             if blocks is not None and by_u is not None:

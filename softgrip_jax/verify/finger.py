@@ -25,6 +25,7 @@ QUANTITIES = {
     "stretch": "number",
     "free_curvature": "curvature",
 }
+OF_COVER = {"tip_force": "force", "tip_angle": "angle"}
 SHARES = (1 / 3, 2 / 3, 1.0)
 """Of the pressure, at which a straight cell is compared."""
 APART = 0.05
@@ -147,3 +148,19 @@ def _cell(finger: Any, target: Target) -> dict[str, float]:
     names = ("moment", "contact_force", "lever_arm", "stretch")
     values = {name: float(solution.observables[name]) for name in names}
     return {name: value for name, value in values.items() if math.isfinite(value)}
+
+
+def held_cover(scene: Any, pressure: float) -> tuple[float, dict[str, float]] | None:
+    """The chambers' moment (N m) on the cover of a finger whose tip is held at y = 0, and what our beam says of it.
+
+    None for other fingers: with loads, the cell law, or a tip that is held elsewhere.
+    """
+    if not isinstance(scene, pneunet.TipContact) or scene.drive != "thesis" or scene.weight is not None:
+        return None
+    given: Any = scene
+    if float(given.tip_offset) != 0 or float(given.tip_pull) != 0:
+        return None
+    solution = solve(scene, pressure)
+    if int(solution.status) != Status.OK:
+        return None
+    return float(solution.end_moment), {name: float(solution.observables[name]) for name in OF_COVER}

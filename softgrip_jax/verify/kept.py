@@ -44,6 +44,11 @@ class Nearby(NamedTuple):
     distance: float
     file: Path
 
+    def as_data(self) -> dict[str, Any]:
+        """As plain data; a mesh error that is not known is None."""
+        mesh = self.mesh_error if math.isfinite(self.mesh_error) else None
+        return {"error": self.error, "mesh_error": mesh, "distance": self.distance, "file": str(self.file)}
+
     def __str__(self) -> str:
         mesh = f" (mesh error {100 * self.mesh_error:.1g} %)" if math.isfinite(self.mesh_error) else ""
         return (

@@ -177,7 +177,7 @@ class Solid:
 
         basis: Any = FacetBasis(self.mesh, ElementHex2(), facets=chosen, intorder=order)
         shape = basis.dx.shape
-        values = np.stack([np.broadcast_to(b[0].value, shape) for b in basis.basis], axis=-1)
+        values = np.stack([np.broadcast_to(np.asarray(b[0]), shape) for b in basis.basis], axis=-1)
         grads = np.stack([np.broadcast_to(b[0].grad, (3, *shape)) for b in basis.basis], axis=-1).transpose(1, 2, 3, 0)
         normals = np.asarray(basis.normals).transpose(1, 2, 0)
         return Faces(np.asarray(basis.tind), values, grads, normals, np.asarray(basis.dx))

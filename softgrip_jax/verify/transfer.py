@@ -61,7 +61,7 @@ def transferred(coarse: Model, state: State, fine: Model) -> State:
     for parent in np.unique(parents):
         children = np.flatnonzero(parents == parent)
         nodes = b.cells[children]
-        values, _ = shape_functions(a, parent, b.X[nodes.ravel()])
+        values, _ = shape_functions(a, int(parent), b.X[nodes.ravel()])
         v[nodes.ravel()] = values @ u[a.cells[parent]]
         middle, half = a.boxes[0][parent], a.boxes[1][parent]
         q[children, 0] = state.q[parent, 0] + ((b.boxes[0][children] - middle) / half) @ state.q[parent, 1:]
