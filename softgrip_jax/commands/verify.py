@@ -277,7 +277,7 @@ def shell_case(scene: Any, pressure: float, name: str) -> Case:
             ]
         views = ["across the width, x (mm)", "along the length, y (mm)"]
         title = f"{name} at {last.target.pressure / 1e3:.4g} kPa"
-        return elements_and_models(views, solids, lines, title=title)
+        return elements_and_models(views, solids, lines, last.mesh.objects(), title)
 
     plate = Part(
         targets, lambda parts: Plate(scene, parts), lambda: rows.model_values(models, targets), rows.QUANTITIES

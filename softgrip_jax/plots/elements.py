@@ -48,7 +48,7 @@ def elements_and_models(
             (np.ptp(one[:, 1]) + 6 * mm) / sum(np.ptp(other[:, 0]) + 12 * mm for other in solids) for one in solids
         )
         widths = [float(np.ptp(one[:, 0])) + 12 * mm for one in solids]
-        figure = Figure(figsize=(WIDTH, height + 1.0))
+        figure = Figure(figsize=(WIDTH, height + 0.7))
         axes = np.atleast_1d(figure.subplots(1, len(views), width_ratios=widths, sharey=True))
         for k, (ax, view, solid) in enumerate(zip(axes, views, solids, strict=True)):
             low, high = solid.min(axis=0) / mm - 6, solid.max(axis=0) / mm + 6

@@ -7,7 +7,6 @@ touch is a rigid body of bricks under its outer face as a height over the membra
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +18,7 @@ from ..materials import MooneyRivlin, NeoHookean, Ogden, Yeoh
 from ..materials.base import Material
 from ..shell.obstacles import Obstacle
 from ..units import MPa, mm
-from .shell import Plate, is_shell
+from .shell import Plate, heights, is_shell
 from .solid import Solid
 
 FORMATS = ("abaqus", "calculix", "febio")
@@ -32,8 +31,6 @@ STEPS = 40
 REACH = 1.15
 """How far the object reaches over the membrane's edges."""
 OBJECT_CELLS = 24
-TRIES = 60
-"""Halvings of a height: to the last digit."""
 
 _CORNERS = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
 _MIDDLES = [(0, -1, -1), (1, 0, -1), (0, 1, -1), (-1, 0, -1), (0, -1, 1), (1, 0, 1), (0, 1, 1), (-1, 0, 1)]
@@ -122,27 +119,14 @@ def bricks_of(plate: Plate) -> Bricks:
 
 def rigid_of(obstacle: Obstacle, plate: Plate) -> Rigid | None:
     """The side of an object that looks at the membrane, as a height over a grid; None where there is none."""
-    import jax
-
     a, b, t = plate.sizes
-    distance = jax.jit(jax.vmap(obstacle.distance))
     lines = [
         np.linspace(0.0 if half else -REACH * size, REACH * size, OBJECT_CELLS + 1)
         for size, half in zip((a, b), plate.mirrors, strict=True)
     ]
     x, y = (part.ravel() for part in np.meshgrid(*lines, indexing="ij"))
-    low, high = np.zeros_like(x), np.full_like(x, 0.0)
-    place: Callable[[np.ndarray], np.ndarray] = lambda z: np.asarray(distance(np.stack([x, y, z], axis=1)))  # noqa: E731
-    # The first height at which the object is met, in steps of the membrane's thickness up to its width.
-    met = np.zeros(len(x), dtype=bool)
-    for z in np.arange(0.0, 2 * a, 0.5 * t):
-        inside = (place(np.full_like(x, z)) <= 0) & ~met
-        low[inside], high[inside] = z - 0.5 * t, z
-        met |= inside
-    for _ in range(TRIES):
-        middle = 0.5 * (low + high)
-        outside = place(middle) > 0
-        low, high = np.where(outside, middle, low), np.where(outside, high, middle)
+    high = heights(obstacle, x, y, 2 * a, 0.5 * t)
+    met = np.isfinite(high)
     shape = tuple(len(line) for line in lines)
     number = np.arange(len(x)).reshape(shape)
     quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)

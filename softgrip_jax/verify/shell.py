@@ -12,6 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 import scipy.sparse as sp
+from jaxtyping import Float
 
 from .. import pneunet, shell
 from ..errors import InputError
@@ -30,6 +31,8 @@ SHORTER = 6.0
 """The cells at the clamp over those in the middle: the plate bends most there."""
 PENALTY = 100.0
 """Stiffness of the contact over mu / t_m; multipliers take up what it gives way."""
+HALVINGS = 60
+"""Of a height: to the last digit."""
 MOST = 0.3
 """Of a, for a node in one iteration."""
 
@@ -123,6 +126,21 @@ class Plate:
             found["penetration"] = float(max(0.0, -np.min(np.where(pressures.ravel() > 0, touch.gap, 0.0))))
         return found
 
+    def objects(self, n: int = 161) -> list[list[np.ndarray]]:
+        """Outlines of what the membrane may touch, across the width and along the length, m: (s, z) up to a height."""
+        a, b, t = self.sizes
+        views = []
+        for axis, size in ((0, a), (1, b)):
+            s = np.linspace(-size - 0.5 * a, size + 0.5 * a, n)
+            zero = np.zeros_like(s)
+            places = (s, zero) if axis == 0 else (zero, s)
+            z = np.full_like(s, np.nan) if self.obstacle is None else heights(self.obstacle, *places, 3 * a, 0.5 * t)
+            known = np.flatnonzero(np.isfinite(z))
+            line = np.stack([s[known], z[known]], axis=1)
+            top = np.array([[line[-1, 0], 4 * a], [line[0, 0], 4 * a]]) if len(known) else None
+            views.append([np.concatenate([line, top])] if top is not None else [])
+        return views
+
     def profile(self, state: State, n: int = 121) -> dict[str, np.ndarray]:
         """The middle surface across the width (x, z) and along the length (y, z_length) through the middle, and both
         faces, m."""
@@ -141,6 +159,31 @@ class Plate:
                     s, z = np.concatenate([-s[:0:-1], s]), np.concatenate([z[:0:-1], z])
                 found[names[0] + face], found[names[1] + face] = s, z
         return found
+
+
+def heights(obstacle: Obstacle, x: np.ndarray, y: np.ndarray, most: float, step: float) -> Float[np.ndarray, " points"]:
+    """Where an object begins above places of the membrane, m; NaN where it does not up to a height.
+
+    Args:
+        obstacle: the object.
+        x, y: places, m, shape (points,).
+        most: height up to which it is looked for, m.
+        step: between two looks, m; what is thinner may be missed.
+    """
+    distance = jax.jit(jax.vmap(obstacle.distance))
+
+    def outside(z: np.ndarray) -> np.ndarray:
+        return np.asarray(distance(np.stack([x, y, z], axis=1))) > 0
+
+    low, high = np.zeros_like(x), np.full_like(x, np.nan)
+    for z in np.arange(0.0, most, step):
+        first = ~outside(np.full_like(x, z)) & np.isnan(high)
+        low[first], high[first] = z - step, z
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        above = outside(middle)
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return high
 
 
 def _energy_scene(scene: Any) -> Any:
