@@ -303,6 +303,7 @@ def test_what_is_no_verification_is_named(tmp_path):
 
 def test_the_command_writes_a_folder_that_fidelity_reads(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("softgrip_jax.commands.verify.SHARES", (1.0,))
     (tmp_path / "free.toml").write_text(FREE, encoding="utf-8")
     assert cli.run(["verify", "free.toml", "--out", "seen", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
@@ -322,6 +323,9 @@ def test_ctrl_c_keeps_what_is_there(tmp_path, monkeypatch, capsys):
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "free.toml").write_text(FREE, encoding="utf-8")
+
+    monkeypatch.setattr(verify, "SHARES", (1.0,))
+    monkeypatch.setattr("softgrip_jax.verify.rows.shell_models", lambda scene: {"arc": scene})
 
     def interrupted(self, share, left):
         if share > 0.5:
@@ -374,13 +378,14 @@ def test_segments_of_their_own_are_refused():
 
 
 @pytest.mark.parametrize("format", decks.FORMATS)
-def test_a_deck_has_every_node_face_and_number(format, tmp_path):
+def test_a_deck_has_every_node_face_and_number(format, tmp_path, monkeypatch):
+    monkeypatch.setattr(decks, "PARTS", 1)
     path = tmp_path / "deck"
     decks.write_deck(sg.shell.FlatContact(SHELL, distance=5 * mm), 15e3, format, path)
     text = path.read_text(encoding="utf-8")
     plate = decks.bricks_of(Plate(sg.shell.Free(SHELL), decks.PARTS))
-    assert len(plate.inner) == len(plate.outer) == 16 * 24
-    assert plate.cells.shape == (2 * 16 * 24, 20)
+    assert len(plate.inner) == len(plate.outer) == 8 * 12
+    assert plate.cells.shape == (8 * 12, 20)
     if format == "febio":
         from xml.etree import ElementTree
 

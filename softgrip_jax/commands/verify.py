@@ -27,12 +27,13 @@ from .files import check_file, one_scene, tell_file
 
 SHARES = (1 / 3, 2 / 3, 1.0)
 """Of the pressure, at which a shell is compared."""
-MISSING = 'softgrip verify needs scikit-fem: pip install "softgrip_jax[verify]".'
 
 
 def require_elements() -> None:
     """A ConfigError where scikit-fem is not installed."""
     import importlib.util
+
+    from ..verify.boxes import MISSING
 
     if importlib.util.find_spec("skfem") is None:
         raise ConfigError(MISSING)
@@ -219,11 +220,19 @@ def state_data(one: Any) -> dict[str, Any]:
 
 def remarks(found: list[list[Any]]) -> list[str]:
     """What people must know."""
+    from ..verify import run as elements
+
+    said = []
     missing = [one.target for part in found for one in part if not one.values]
-    if not missing:
-        return []
-    least = min(target.pressure for target in missing) / 1e3
-    return [f"Finite elements found no equilibrium for {len(missing)} states, the first at {least:.4g} kPa."]
+    if missing:
+        least = min(target.pressure for target in missing) / 1e3
+        said.append(f"Finite elements found no equilibrium for {len(missing)} states, the first at {least:.4g} kPa.")
+    if any(0 < len(one.values) < len(one.parts) for part in found for one in part):
+        said.append(
+            "A finer mesh was left out where it would have more elements than memory is given for "
+            f"({elements.MOST_ELEMENTS}), or found no equilibrium."
+        )
+    return said
 
 
 def case_of(scene: Any, pressure: float) -> Case:

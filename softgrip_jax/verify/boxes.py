@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..errors import InputError
+
+MISSING = 'finite elements need scikit-fem: pip install "softgrip_jax[verify]".'
+
 
 def line(start: float, end: float, cells: int, low: float = 1.0, high: float = 1.0) -> Float[np.ndarray, " points"]:
     """Cells between two places, shorter towards an end.
@@ -36,7 +40,10 @@ def divided(places: Float[np.ndarray, " points"], parts: int = 2) -> Float[np.nd
 
 def mesh(x: np.ndarray, y: np.ndarray, z: np.ndarray, keep: Any = None) -> Any:
     """Hexahedra of scikit-fem between lines of places (m); keep(middles, shape (3, n)) says which of them."""
-    from skfem import MeshHex
+    try:
+        from skfem import MeshHex
+    except ImportError:
+        raise InputError(MISSING) from None
 
     whole = MeshHex.init_tensor(x, y, z)
     if keep is None:

@@ -18,6 +18,8 @@ PARTS, FINE_PARTS = (1, 2), (1, 2, 3)
 """Into how many each cell of the first mesh is divided along each axis, mesh by mesh."""
 COST = 1.3
 """Time of an iteration goes about with the number of elements to this power."""
+MOST_ELEMENTS = 3200
+"""Of a mesh: finer ones are left out, so that the memory stays near two gigabytes."""
 FIRST, NEXT = 60, 14
 """Iterations to expect on the first mesh for all states together, and on further ones for each."""
 
@@ -143,7 +145,10 @@ def compare(
         one.seconds.append(time.monotonic() - began)
         began = time.monotonic()
         yield found
+    first_mesh = len(coarse.model.solid.cells)
     for k, part in enumerate(parts[1:], start=1):
+        if first_mesh * part**3 > MOST_ELEMENTS:
+            return
         reached = [one for one in found if len(one.values) == k]
         if not reached:
             return
