@@ -298,6 +298,21 @@ def test_what_is_no_verification_is_named(tmp_path):
         fidelity.against_elements(sg.shell.Free(SHELL), 10e3, tmp_path)
 
 
+def test_no_state_has_a_mesh_error_by_accident():
+    found = []
+    for pressure, coarse, fine in ((5e3, 1.0, 1.0), (10e3, 2.2, 2.0)):
+        made = run.Found(run.Target(pressure), [{"inflation": coarse}, {"inflation": fine}], [1.0, 2.0], parts=(1, 2))
+        found.append(made)
+    told = rows.rows_of(found, {"inflation": "length"}, {"arc": [{"inflation": 1.1}, {}]})
+    assert [row.pressure for row in told] == [5e3]  # of the other the model says nothing
+    told = rows.rows_of(found, {"inflation": "length"}, {"arc": [{"inflation": 1.1}, {"inflation": 1.9}]})
+    assert [row.mesh_error for row in told] == pytest.approx([0.2, 0.1])
+    assert [row.difference("arc") for row in told] == pytest.approx([-0.05, 0.1])
+    assert run.Found(run.Target(5e3), [{"x": 1.0}, {"x": 1.1}, {"x": 1.2}], parts=(1, 2, 3)).mesh_error(
+        "x"
+    ) == pytest.approx(0.2)
+
+
 # --- the command ------------------------------------------------------------------------------------------------------
 
 

@@ -18,7 +18,7 @@ def verify(
         float | None, typer.Option("--pressure-kPa", help="Verify up to this pressure, whatever [solve] asks.")
     ] = None,
     scene: SceneName = None,
-    fine: Annotated[bool, typer.Option("--fine", help="A third, finer mesh; some ten minutes instead of one.")] = False,
+    fine: Annotated[bool, typer.Option("--fine", help="A third, finer mesh; some minutes instead of one.")] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
     keep: Annotated[
         Path | None,

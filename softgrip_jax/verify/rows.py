@@ -137,4 +137,15 @@ def rows_of(found: Sequence[Found], kinds: dict[str, str], models: dict[str, lis
                     sum(one.seconds),
                 )
             )
-    return rows
+    return [_with_the_worst(row, rows) for row in rows]
+
+
+def _with_the_worst(row: Row, rows: Sequence[Row]) -> Row:
+    """Two meshes may agree by accident at one state: an error is no smaller, relative to the quantity, than the largest
+    at any state over its largest value."""
+    known = [one for one in rows if one.quantity == row.quantity and one.mesh_error is not None]
+    largest = max((abs(one.elements) for one in known), default=0.0)
+    if row.mesh_error is None or largest == 0:
+        return row
+    share = max(one.mesh_error or 0.0 for one in known) / largest
+    return row._replace(mesh_error=max(row.mesh_error, share * abs(row.elements)))
