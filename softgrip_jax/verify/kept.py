@@ -44,6 +44,10 @@ class Nearby(NamedTuple):
     distance: float
     file: Path
 
+    def rank(self) -> tuple[float, float]:
+        """The nearest design first, and of several verifications of it the one with the least mesh error."""
+        return self.distance, self.mesh_error if math.isfinite(self.mesh_error) else math.inf
+
     def as_data(self) -> dict[str, Any]:
         """As plain data; a mesh error that is not known is None."""
         mesh = self.mesh_error if math.isfinite(self.mesh_error) else None
@@ -155,11 +159,10 @@ def nearby(
             rows = record["rows"]
         except (OSError, ValueError, KeyError, TypeError):
             raise InputError(f"{file} is no verification; move it out of {folder}.") from None
-        if apart > NEAR or (best is not None and apart >= best.distance):
-            continue
-        said = _at(rows, pressure, quantity, model, curvature)
+        said = _at(rows, pressure, quantity, model, curvature) if apart <= NEAR else None
         if said is not None:
-            best = Nearby(*said, apart, file)
+            one = Nearby(*said, apart, file)
+            best = one if best is None or one.rank() < best.rank() else best
     return best
 
 
