@@ -16,6 +16,7 @@ from optim.calibration.run import run_calibrate
 from optim.design.run import run_design
 from softgrip_jax import plots, thesis
 from softgrip_jax.commands.reproduce import run_reproduce
+from softgrip_jax.commands.verify import run_verify
 from softgrip_jax.plots import animate
 from softgrip_jax.plots.figures import BLUE, BODY, ORANGE, STYLE, VERMILION
 from softgrip_jax.study import Grid, Range
@@ -72,6 +73,24 @@ def reproduction() -> None:
         (HERE / "reproduction.md").write_bytes((out / "reproduction.md").read_bytes())
         for picture in (out / "images").iterdir():
             (IMAGES / picture.name).write_bytes(picture.read_bytes())
+
+
+def verified() -> None:
+    """A shell and a finger's cell by finite elements, with our models over them: some minutes."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, config in (("shell", "shell_free"), ("finger", "finger_free")):
+            out = Path(folder) / name
+            run_verify(
+                HERE.parent / "configs" / f"{config}.toml",
+                None,
+                None,
+                False,
+                out,
+                Path(folder) / "kept",
+                True,
+                Console(),
+            )
+            (IMAGES / f"verified_{name}.png").write_bytes((out / "shapes.png").read_bytes())
 
 
 def inflation() -> None:
@@ -131,6 +150,7 @@ MAKE = {
     "shell_grasp": shell_grasp,
     "reproduction": reproduction,
     "inflation": inflation,
+    "verified": verified,
     "gallery_scenes": gallery_scenes,
     "gallery_runs": gallery_runs,
 }

@@ -8,7 +8,8 @@ and has the finest numerics, so the errors of all models follow from comparing a
 `own` bounds the error of the dearest model by what its last refinement changed; v_second has everything in, too.
 
 This is the error of leaving out and of computing, never the error against reality: the dearest model is the given
-scene, solved well, and how far that is from finite elements stands in the README. Every model is a program of its own,
+scene, solved well. How far that is from finite elements is told where `softgrip verify` has verified a design nearby
+(`against_elements`), and stands in the README for some others. Every model is a program of its own,
 compiled once: choosing pays before a sweep, a search or a large batch, not before a single solve.
 """
 
@@ -17,6 +18,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -33,6 +35,7 @@ from .results import Solution, Status
 from .scene import RESIDUAL_EPS, Scene
 from .shell.energy.scene import EnergyScene
 from .shell.flat_shell import ShellScene
+from .verify.kept import FOLDER, Nearby, nearby
 
 ROUNDING = RESIDUAL_EPS * float(np.finfo(float).eps)
 """No error is claimed to be smaller than what `solve` accepts as a residual."""
@@ -102,6 +105,9 @@ class Trial(NamedTuple):
     """Estimated relative error of the observable; inf where there is nothing to compare."""
 
 
+UNVERIFIED = "(of leaving out and of computing; how far models are from reality is another matter: see the README)"
+
+
 @dataclasses.dataclass(frozen=True)
 class Choice:
     """The cheapest model that meets the tolerance, and what it was compared with.
@@ -116,6 +122,8 @@ class Choice:
         observable: whose error counts.
         tolerance: largest relative error that was asked for, dimensionless.
         trials: all that was solved, cheapest first.
+        verified: errors against finite elements of designs nearby, by the name of the quantity, dimensionless; empty
+            where none is near.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -136,6 +144,8 @@ class Choice:
     trials: tuple[Trial, ...]
     """All that was solved, cheapest first. What is cheaper than the choice is not good enough; what is dearer, and was
     not needed for comparison, is not here."""
+    verified: dict[str, Nearby] = dataclasses.field(default_factory=dict)
+    """Of the choice, against finite elements of designs nearby; empty where none is near."""
 
     @property
     def met(self) -> bool:
@@ -152,7 +162,8 @@ class Choice:
         trials = [described(trial.model, trial.error) for trial in self.trials]
         chosen = {"observable": self.observable, "tolerance": self.tolerance, "met": self.met}
         taken = LadderModel(self.scene, self.left_out, self.numerics, self.cost)
-        return chosen | described(taken, self.error) | {"tried": trials}
+        near = {name: one.as_data() for name, one in self.verified.items()}
+        return chosen | described(taken, self.error) | {"tried": trials, "verified": near}
 
     def __str__(self) -> str:
         name = self.observable.replace("_", " ")
@@ -162,7 +173,7 @@ class Choice:
         lines = [
             f"left out for {_percent(self.tolerance)} of {name}: {_listed(self.left_out)} ({self.numerics})",
             f"estimated error in {name}: {_percent(self.error)}" + ("" if self.met else ", the least of all models"),
-            "(of leaving out and of computing; how far models are from reality is another matter: see the README)",
+            *([f"{quantity}: {near}" for quantity, near in self.verified.items()] or [UNVERIFIED]),
             "",
             f"  {'error':>9} {'time':>7}  left out",
         ]
@@ -226,9 +237,45 @@ def choose(
     chosen, errors = decide(ladder, read, tolerance)
     model = ladder[chosen]
     trials = tuple(Trial(ladder[k], solved[k], errors[k]) for k in sorted(errors))
+    solution = solved[chosen]
+    near = against_elements(model.scene, float(solution.pressure)) if int(solution.status) == Status.OK else {}
     return Choice(
-        model.scene, solved[chosen], model.left_out, model.numerics, model.cost, errors[chosen], name, tolerance, trials
+        *(model.scene, solution, model.left_out, model.numerics, model.cost),
+        *(errors[chosen], name, tolerance, trials, near),
     )
+
+
+def against_elements(scene: Scene, pressure: Any, folder: Path = FOLDER) -> dict[str, Nearby]:
+    """The errors of a model against finite elements, from verified designs near to the scene's.
+
+    A verified design is near where it is of the same kind and material and every number of it (lengths, angles, moduli)
+    is within 10 % of the scene's; it speaks about the pressures that it was verified at, and between them. Of a finger
+    the errors are those of its straight cell: the moment with which the chambers push, and the force of their walls.
+
+    Args:
+        scene: the scene, with its model.
+        pressure: gauge pressure, Pa.
+        folder: of `softgrip verify`.
+
+    Returns:
+        By the name of the quantity; empty where no design is near.
+
+    Raises:
+        InputError: for a file in the folder that is no verification.
+
+    Examples:
+        >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        >>> sg.fidelity.against_elements(sg.shell.Free(shell), 15 * kPa)  # nothing was verified yet
+        {}
+    """
+    if isinstance(scene, FingerScene | pneunet.Cell):
+        model, names, curvature = getattr(scene, "drive", "cell"), ("moment", "contact_force"), 0.0
+    elif isinstance(scene, pneunet.Chamber):
+        model, names, curvature = "thesis", ("force",), None
+    else:
+        model, names, curvature = getattr(scene, "model", "energy"), tuple(scene.prepared().OBSERVABLES), None
+    found = {name: nearby(scene, float(pressure), name, model, curvature, folder) for name in names}
+    return {name: one for name, one in found.items() if one is not None}
 
 
 def _observable(scene: Scene, wanted: str | None, inverse: bool) -> str:

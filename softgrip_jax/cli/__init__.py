@@ -26,6 +26,7 @@ from . import files as files
 from . import report as report
 from . import runs as runs
 from . import scenes as scenes
+from . import verify as verify
 from .app import FAULT as FAULT
 from .app import MISTAKE as MISTAKE
 from .app import NO_ANSWER as NO_ANSWER
@@ -41,7 +42,10 @@ ORDER = (
     "summary",
     "sensitivity",
     "design",
+    "verify",
+    "export",
     "calibrate",
+    "plan",
     "report",
     "reproduce",
     "schema",

@@ -34,7 +34,7 @@ def run_solve(
 ) -> bool:
     """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
     from .. import config as configs
-    from ..fidelity import choose
+    from ..fidelity import against_elements, choose
     from ..pneunet.drives import with_other_drive
     from ..questions import _pressure_for, to_reach, to_solve
     from ..scene import equilibrium
@@ -61,10 +61,13 @@ def run_solve(
         if allowed is not None:
             choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
         solution = solved(read.scene) if choice is None else choice.solution
+    verified = against_elements(solution.scene, solution.pressure) if int(solution.status) == 0 else {}
     if not as_json:
         report(solution, Console(), "pressure" in asked)
         if choice is not None:
             typer.echo(choice)
+        for name, near in verified.items() if choice is None else ():
+            typer.echo(f"{name.replace('_', ' ')}: {near}")
     other, beside = with_other_drive(solution.scene), None
     if other is not None and int(solution.status) == 0:
         with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'), warnings.catch_warnings():
@@ -72,6 +75,8 @@ def run_solve(
             beside = solved(other)
     if as_json:
         chosen = {"fidelity": choice.as_data()} if choice is not None else {}
+        if verified:
+            chosen |= {"verified": {name: near.as_data() for name, near in verified.items()}}
         if beside is not None:
             chosen |= {"other_drive": {"drive": beside.scene.drive} | as_data(beside)}
         typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))

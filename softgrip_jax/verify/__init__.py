@@ -1,0 +1,1 @@
+"""Finite elements of a scene, beside our models: what `softgrip verify` does."""

@@ -1,0 +1,185 @@
+"""Verifications that are kept: a folder of files, and which of them speak about a design at hand.
+
+A verification is near to a design where the two are of one kind, of the same class of material, and every number
+(lengths, angles, moduli) is within NEAR of the other's; and it speaks about the pressures from the least that it
+verified to the largest, by NEAR more. Between its pressures errors are interpolated.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import uuid
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from .. import pneunet
+from ..errors import InputError
+from ..pneunet.finger_scene import FingerScene
+from ..scene import Scene
+from ..shell.energy.scene import EnergyScene
+
+FOLDER = Path("verified")
+"""Where verifications are kept, below the folder in which one works."""
+NEAR = 0.1
+"""Largest relative difference of a number, dimensionless."""
+VERSION = 1
+
+
+class Nearby(NamedTuple):
+    """What finite elements said of a model near to the design at hand.
+
+    Args:
+        error: model over finite elements, less one, dimensionless.
+        mesh_error: of the finite elements, over their value; NaN where one mesh was solved.
+        distance: largest relative difference of a number of the two designs, dimensionless.
+        file: of the verification.
+    """
+
+    error: float
+    mesh_error: float
+    distance: float
+    file: Path
+
+    def rank(self) -> tuple[float, float]:
+        """The nearest design first, and of several verifications of it the one with the least mesh error."""
+        return self.distance, self.mesh_error if math.isfinite(self.mesh_error) else math.inf
+
+    def as_data(self) -> dict[str, Any]:
+        """As plain data; a mesh error that is not known is None."""
+        mesh = self.mesh_error if math.isfinite(self.mesh_error) else None
+        return {"error": self.error, "mesh_error": mesh, "distance": self.distance, "file": str(self.file)}
+
+    def __str__(self) -> str:
+        mesh = f" (mesh error {100 * self.mesh_error:.1g} %)" if math.isfinite(self.mesh_error) else ""
+        return (
+            f"{100 * self.error:+.2g} % against finite elements{mesh}, from a verified design whose numbers are within "
+            f"{100 * self.distance:.2g} % of this one's: {self.file}"
+        )
+
+
+def subject(scene: Any) -> tuple[str, Any]:
+    """The kind of what finite elements compute, and the numbers that it depends on, as a tree."""
+    if isinstance(scene, FingerScene | pneunet.Cell):
+        return "finger", scene.finger
+    if isinstance(scene, pneunet.Chamber):
+        return "Chamber", scene.finger
+    if isinstance(scene, EnergyScene):
+        energy: Any = scene
+    else:
+        try:
+            energy = scene.energy_scene()
+        except (AttributeError, NotImplementedError):
+            return type(scene).__name__, scene
+    body = energy.body
+    return f"shell on {type(body).__name__}" if body is not None else "free shell", (energy.shell, body)
+
+
+def numbers_of(scene: Any) -> dict[str, float | list[float]]:
+    """Every number of what was verified by its path, in SI, with the classes of the materials as they stand."""
+    _, tree = subject(scene)
+    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
+    found: dict[str, Any] = {jax.tree_util.keystr(path): np.asarray(leaf).tolist() for path, leaf in leaves}
+    return found
+
+
+def class_of_material(scene: Any) -> str:
+    """Of the one material in what was verified."""
+    _, tree = subject(scene)
+    part = tree[0] if isinstance(tree, tuple) else tree
+    return type(part.material).__name__ if hasattr(part, "material") else ""
+
+
+def keep(scene: Scene, rows: list[dict[str, Any]], folder: Path = FOLDER) -> Path:
+    """Keep the rows of a verification; returns the file.
+
+    Raises:
+        InputError: where the folder cannot be written to.
+    """
+    from ..folders import check_folder, write_whole
+
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    record = {
+        "version": VERSION,
+        "kind": subject(scene)[0],
+        "material": class_of_material(scene),
+        "numbers": numbers_of(scene),
+        "rows": rows,
+    }
+    name = f"{record['kind'].replace(' ', '_')}-{uuid.uuid4().hex[:8]}.json"
+    path = folder / name
+    write_whole(path, json.dumps(record, indent=1, allow_nan=False).encode())
+    return path
+
+
+def distance(a: dict[str, Any], b: dict[str, Any]) -> float:
+    """Largest relative difference of two designs' numbers; inf where they have other numbers."""
+    if a.keys() != b.keys():
+        return math.inf
+    largest = 0.0
+    for name, value in a.items():
+        x, y = np.asarray(value, dtype=float), np.asarray(b[name], dtype=float)
+        if x.shape != y.shape:
+            return math.inf
+        size = np.maximum(np.abs(x), np.abs(y))
+        apart = np.where(size > 0, np.abs(x - y) / np.where(size > 0, size, 1.0), 0.0)
+        largest = max(largest, float(np.max(apart, initial=0.0)))
+    return largest
+
+
+def nearby(
+    scene: Any, pressure: float, quantity: str, model: str, curvature: float | None = None, folder: Path = FOLDER
+) -> Nearby | None:
+    """What the nearest verified design says of a model's error at a pressure; None where none is near.
+
+    Args:
+        scene: the design at hand.
+        pressure: Pa.
+        quantity: an observable.
+        model: "arc" or "energy" of shells, "thesis" or "cell" of fingers.
+        curvature: of a finger's cell, 1/m.
+        folder: of verifications.
+
+    Raises:
+        InputError: for a file in the folder that is no verification.
+    """
+    if not folder.is_dir():
+        return None
+    kind, _ = subject(scene)
+    here, material, best = numbers_of(scene), class_of_material(scene), None
+    for file in sorted(folder.glob("*.json")):
+        try:
+            record = json.loads(file.read_text(encoding="utf-8"))
+            known = record["version"] == VERSION and record["kind"] == kind and record["material"] == material
+            apart = distance(here, record["numbers"]) if known else math.inf
+            rows = record["rows"]
+        except (OSError, ValueError, KeyError, TypeError):
+            raise InputError(f"{file} is no verification; move it out of {folder}.") from None
+        said = _at(rows, pressure, quantity, model, curvature) if apart <= NEAR else None
+        if said is not None:
+            one = Nearby(*said, apart, file)
+            best = one if best is None or one.rank() < best.rank() else best
+    return best
+
+
+def _at(
+    rows: list[dict[str, Any]], pressure: float, quantity: str, model: str, curvature: float | None
+) -> tuple[float, float] | None:
+    """The error of a model and that of the mesh, between the pressures of a verification."""
+    points = []
+    for row in rows:
+        bent = row["curvature"] is None or curvature is None or abs(row["curvature"] - curvature) < 1e-9
+        error = row["differences"].get(model)
+        if row["quantity"] == quantity and bent and error is not None:
+            mesh = math.nan if row["mesh_error"] is None else row["mesh_error"] / abs(row["elements"])
+            points.append((row["pressure"], error, mesh))
+    if not points:
+        return None
+    p, error, mesh = (np.array(column) for column in zip(*sorted(points), strict=True))
+    if not p[0] * (1 - NEAR) <= pressure <= p[-1] * (1 + NEAR):
+        return None
+    return float(np.interp(pressure, p, error)), float(np.interp(pressure, p, mesh))
