@@ -92,7 +92,7 @@ def age() -> float:
     """Seconds since this process began; 0 where the system does not tell."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
-        up = float(Path("/proc/uptime").read_text().split()[0])
-        return max(up - int(fields[19]) / os.sysconf("SC_CLK_TCK"), 0.0)
-    except (OSError, ValueError, IndexError):
+        up = Path("/proc/uptime").read_text().split()
+    except OSError:
         return 0.0
+    return max(float(up[0]) - int(fields[19]) / os.sysconf("SC_CLK_TCK"), 0.0)

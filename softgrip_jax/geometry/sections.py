@@ -61,7 +61,16 @@ GRID = (161, 81)
 
 @dataclasses.dataclass(frozen=True)
 class Outline:
-    """An area by its outline, or a line: points (n, 2) in mm."""
+    """An area by its outline, or a line.
+
+    Args:
+        role: what it is, one of ROLES.
+        points: of it, mm, shape (n, 2).
+
+    Examples:
+        >>> sg.geometry.Outline("edge", np.zeros((2, 2))).points.shape
+        (2, 2)
+    """
 
     role: str
     points: np.ndarray
@@ -69,7 +78,16 @@ class Outline:
 
 @dataclasses.dataclass(frozen=True)
 class Force:
-    """An arrow from one point to another, mm, with what is written beside it."""
+    """An arrow, with what is written beside it.
+
+    Args:
+        start, end: the points that it goes from and to, mm, shape (2,).
+        text: beside it.
+
+    Examples:
+        >>> sg.geometry.Force(np.zeros(2), np.ones(2), "1 N").text
+        '1 N'
+    """
 
     start: np.ndarray
     end: np.ndarray

@@ -86,7 +86,8 @@ class Document:
             script, places = components(self._plots)
             for k, place in enumerate(places):
                 body = body.replace(f"\0{k}\0", f'<div class="plot">{place}</div>')
-            scripts = INLINE.render() + script
+            # Bokeh's own files alone: where Panel was imported it adds addresses of its own.
+            scripts = "".join(f"<script>{text}</script>" for text in INLINE.js_raw) + script
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -45,11 +45,11 @@ def numbers_of(head: list[str], rows: list[list[str]]) -> dict[str, np.ndarray]:
     for k, name in enumerate(head):
         cells = [row[k] if k < len(row) else "" for row in rows]
         try:
-            values = np.array([float(cell) if cell else np.nan for cell in cells])
+            numbers = [float(cell or "nan") for cell in cells]
         except ValueError:
             continue
-        if np.isfinite(values).any():
-            found[name] = values
+        if np.isfinite(numbers).any():
+            found[name] = np.array(numbers)
     return found
 
 
