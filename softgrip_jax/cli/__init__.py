@@ -21,6 +21,7 @@ from ..commands import programs
 from ..errors import InputError
 from ..plausible import units_are_stated
 from . import ending, profile
+from . import export as export
 from . import files as files
 from . import runs as runs
 from . import scenes as scenes
@@ -30,7 +31,19 @@ from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
-ORDER = ("new", "solve", "path", "sweep", "summary", "sensitivity", "design", "calibrate", "reproduce", "schema")
+ORDER = (
+    "new",
+    "solve",
+    "path",
+    "sweep",
+    "summary",
+    "sensitivity",
+    "design",
+    "calibrate",
+    "export",
+    "reproduce",
+    "schema",
+)
 """Of the commands in `softgrip --help`: from the first steps on; others follow."""
 
 
