@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +59,8 @@ def check_mould(mould: Mould, part: Any) -> Iterator[Check]:
     part = solids.turned(part) if mould.is_turned else part
     pieces = {piece.name: piece.solid for piece in mould.pieces}
     rest = solids.without(mould.space.solid(), [*pieces.values(), *(hole.solid() for hole in mould.holes)])
-    allowed = VOLUME * solids.volume(part)
-    yield Check(
-        "what the closed mould leaves, beside the part", mould.name, 0, solids.difference(rest, part), allowed, "mm^3"
-    )
+    allowed, wrong = VOLUME * solids.volume(part), solids.difference(rest, part)
+    yield Check("what the closed mould leaves, beside the part", mould.name, 0, wrong, allowed, "mm^3")
     names = list(pieces)
     for name, sign in mould.pulls.items():
         fixed = [part] + [pieces[other] for other in names if other != name]
@@ -78,7 +77,7 @@ def undercut(moving: Any, fixed: Any, sign: float) -> float:
     low, high = solids.levels(fixed), solids.levels(moving)
     shifts = sorted({round(sign * (a - b), 6) for a in low for b in high} | {0.0})
     shifts = [0.0, *(s for s in shifts if s > 0)]
-    middles = [0.0, *((one + other) / 2 for one, other in zip(shifts, shifts[1:], strict=False))]
+    middles = [0.0, *((one + other) / 2 for one, other in pairwise(shifts))]
     return max(solids.overlap(solids.moved(moving, (0.0, 0.0, sign * shift)), fixed) for shift in middles)
 
 

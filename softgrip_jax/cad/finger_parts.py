@@ -1,8 +1,8 @@
 """The finger: a body of hollow chambers and a base layer, both cast, bonded; a printed clamp and end cap.
 
-x runs from the clamp (x = 0) to the tip, z from the outer face of the cover. The body begins at z = H: chambers, open
-below, and the tunnel of the air channel where it crosses gaps. The base layer is the cover, H thick, and closes both. So
-the core of the body comes out downwards, and every wall is as thick as the config says.
+x runs from the clamp (x = 0) to the tip, z from the outer face of the cover. The body begins at z = H:
+chambers, open below, and the tunnel of the air channel where it crosses gaps. The base layer is the cover, H thick, and
+closes both. So the core of the body comes out downwards, and every wall is as thick as the config says.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ class Chamber:
 
 
 def chambers_of(finger: PneuNet) -> list[Chamber]:
-    """The chambers of a finger. Each segment holds as many whole ones as fit; what is left is cover alone, half of it at
-    either end of the segment."""
+    """The chambers of a finger. Each segment holds as many whole ones as fit; what is left is cover alone, half of it
+    at either end of the segment."""
     count = finger.segments or 1
     columns = [
         np.broadcast_to(np.asarray(getattr(finger, name), dtype=float) / mm, (count,)) for name in SEGMENT_FIELDS
@@ -60,8 +60,8 @@ def chambers_of(finger: PneuNet) -> list[Chamber]:
         fits = math.floor(room / pitch + 1e-6)
         if fits < 1:
             raise InputError(
-                f"Segment {number} is {room:.4g} mm long, shorter than its chamber with its gap ({pitch:.4g} mm); raise L_mm"
-                " or lower h_L_mm."
+                f"Segment {number} is {room:.4g} mm long, shorter than its chamber with its gap ({pitch:.4g} mm); "
+                "raise L_mm or lower h_L_mm."
             )
         if len(found) + fits > MOST_CHAMBERS:
             raise InputError(f"The finger has more than {MOST_CHAMBERS} chambers; raise h_L_mm or lower L_mm.")
@@ -241,13 +241,13 @@ def check(chambers: list[Chamber], sides: list[float], top_wall: float, B: float
             check_core(f"The fin of the mould{where}, 2 h_x_mm,", one.gap, height, table, "raise h_x_mm")
         if not 0 < c < 2 * min(one.a, one.b):
             raise InputError(
-                f"channel_mm is {c:.4g} mm: the chambers{where} would have no way for air; it must be positive and less than "
-                f"{2 * min(one.a, one.b):.4g} mm, their height and width."
+                f"channel_mm is {c:.4g} mm: the chambers{where} would have no way for air; it must be positive and "
+                f"less than {2 * min(one.a, one.b):.4g} mm, their height and width."
             )
         if c + w > height or c / 2 + w > one.b + side:
             raise InputError(
-                f"channel_wall_mm is {w:.4g} mm: the tunnel of the air channel would be higher or wider than the chambers"
-                f"{where}; lower it, or channel_mm."
+                f"channel_wall_mm is {w:.4g} mm: the tunnel of the air channel would be higher or wider than the "
+                f"chambers{where}; lower it, or channel_mm."
             )
     check_core("The ridge of the air channel, channel_mm,", c, c, table, "raise channel_mm")
     bore = math.sqrt(2) * c - 2 * table.least_wall_mm

@@ -36,13 +36,13 @@ def check_core(name: str, thickness: float, height: float, table: ManufactureTab
     """Rules of a printed tooth: thick enough to print, and not too slender to hold."""
     if thickness < table.least_core_mm - 1e-9:
         raise InputError(
-            f"{name} is {max(thickness, 0.0):.4g} mm thick, too thin to hold; it must be at least {table.least_core_mm:.4g}"
-            f" mm (least_core_mm): {change}."
+            f"{name} is {max(thickness, 0.0):.4g} mm thick, too thin to hold; it must be at least "
+            f"{table.least_core_mm:.4g} mm (least_core_mm): {change}."
         )
     if height / thickness > table.most_slender:
         raise InputError(
-            f"{name} is {height:.4g} mm high and {thickness:.4g} mm thick, too slender to hold: {height / thickness:.3g} to 1,"
-            f" at most {table.most_slender:.3g} to 1 (most_slender): {change}."
+            f"{name} is {height:.4g} mm high and {thickness:.4g} mm thick, too slender to hold: "
+            f"{height / thickness:.3g} to 1, at most {table.most_slender:.3g} to 1 (most_slender): {change}."
         )
 
 

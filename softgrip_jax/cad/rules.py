@@ -81,9 +81,7 @@ class ManufactureTable(Table):
     """What stays in cups, in pour holes and in vents."""
 
     # What printer and silicone can do.
-    bed_mm: Annotated[
-        list[Annotated[float, pydantic.Field(gt=0, strict=False)]], pydantic.Field(min_length=3, max_length=3)
-    ] = [220.0, 220.0, 250.0]
+    bed_mm: Annotated[list[Length], pydantic.Field(min_length=3, max_length=3)] = [220.0, 220.0, 250.0]
     """Of the printer: width, depth, height."""
     least_wall_mm: Length = 0.8
     """Of printed parts: two lines of a nozzle of 0.4 mm."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from typing import Any
 
 from . import solids
 from .checks import Check
@@ -18,19 +19,20 @@ td.n{text-align:right;font-variant-numeric:tabular-nums}img{max-width:100%}.bad{
 STEPS = {
     "shell": (
         "Print the tray and the lid of the membrane's mould, the frame and the ring.",
-        "Mix parts A and B, draw the air out, pour the tray full, press the lid on its pins: what is too much leaves by the "
-        "holes.",
+        "Mix parts A and B, draw the air out, pour the tray full, press the lid on its pins: what is too much leaves "
+        "by the holes.",
         "Cut the sprues off the rim after curing; pull the lid up and the membrane out.",
-        "Lay the bead into the groove of the frame, put the ring on, screw both together; glue the air tube into the port.",
+        "Lay the bead into the groove of the frame, screw the ring on, glue the air tube into the port.",
     ),
     "finger": (
         "Print tray and lid of the body's mould, the tray of the base layer, clamp and end cap.",
-        "Mix parts A and B, draw the air out, pour the body's tray full, press the lid with its cores on the pins: air and "
-        "what is too much leave by the holes over the side walls.",
+        "Mix parts A and B, draw the air out, pour the body's tray full, press the lid with its cores on the pins: air "
+        "and what is too much leave by the holes over the side walls.",
         "Pour the tray of the base layer and level it with a straight edge.",
         "After curing pull the lid straight off, then the body out of its tray; cut the sprues off.",
         "Bond the open side of the body to the base layer with a thin film of fresh silicone; keep the channel free.",
-        "Push the foot into the clamp, the nipple of the end cap into the channel, screw both together; glue in the tube.",
+        "Push the foot into the clamp and the nipple of the end cap into the channel, screw both together, glue in the "
+        "tube.",
     ),
 }
 
@@ -72,6 +74,10 @@ def sheet(
     """The page; `expected` is what the model says of the design, `pictures` are names of files beside it."""
     printed = [(one, "part", 1.0) for one in export.pieces if one.made == "printed"]
     printed += [(one, f"mould of the {mould.casts}", scale) for mould in export.moulds for one in mould.pieces]
+
+    def size(solid: Any, factor: float) -> str:
+        return " x ".join(f"{factor * length:.5g}" for length in solids.extent(solid))
+
     sizes = [
         (
             one.name,
@@ -94,8 +100,8 @@ def sheet(
         table_of(
             ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)"), silicone(export, table)
         ),
-        f"<p>Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. Moulds are "
-        f"larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %.</p>",
+        f"<p>Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. "
+        f"Moulds are larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %.</p>",
         "<h2>To print</h2>",
         table_of(("piece", "for", "size (mm)", "volume (cm^3)"), sizes),
         "<h2>Steps</h2><ol>" + "".join(f"<li>{escape(step)}</li>" for step in STEPS[export.kind]) + "</ol>"

@@ -1,7 +1,7 @@
 """The shell gripper's pad: a silicone membrane with a beaded rim, a printed frame with its port, a printed ring.
 
-The membrane lies from z = 0 to t_m on the frame, its bead in a groove; the ring presses the rim on the frame. The opening
-2a x 2b of frame and ring is what the model calls the clamped edge.
+The membrane lies from z = 0 to t_m on the frame, its bead in a groove; the ring presses the rim on the frame. The
+opening 2a x 2b of frame and ring is what the model calls the clamped edge.
 """
 
 from __future__ import annotations
@@ -94,6 +94,6 @@ def check(shell: FlatShell, table: ManufactureTable, t: float, a: float, distanc
         )
     if distance_mm is not None and table.ring_mm >= distance_mm:
         raise InputError(
-            f"ring_mm is {table.ring_mm:.4g} mm, but the plane is {distance_mm:.4g} mm in front of the membrane: the ring "
-            "would touch it first; lower ring_mm or raise distance_mm."
+            f"ring_mm is {table.ring_mm:.4g} mm, but the plane is {distance_mm:.4g} mm in front of the membrane: the "
+            "ring would touch it first; lower ring_mm or raise distance_mm."
         )

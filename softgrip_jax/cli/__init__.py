@@ -31,19 +31,8 @@ from .app import NO_ANSWER as NO_ANSWER
 from .app import STOPPED as STOPPED
 from .app import app as app
 
-ORDER = (
-    "new",
-    "solve",
-    "path",
-    "sweep",
-    "summary",
-    "sensitivity",
-    "design",
-    "calibrate",
-    "export",
-    "reproduce",
-    "schema",
-)
+FIRST = ("new", "solve", "path", "sweep", "summary", "sensitivity", "design", "calibrate", "export")
+ORDER = (*FIRST, "reproduce", "schema")
 """Of the commands in `softgrip --help`: from the first steps on; others follow."""
 
 

@@ -1,6 +1,6 @@
 """`softgrip export CONFIG.toml`: solids of a design, its moulds, and the sheet for the bench.
 
-Reads the scene of a config and its section [manufacture]; writes a folder of STEP and STL files, pictures and sheet.html.
+Reads the scene of a config and its section [manufacture]; writes a folder of STEP and STL files, pictures, sheet.html.
 """
 
 from __future__ import annotations
