@@ -10,6 +10,7 @@ from typing import Any
 
 from . import solids
 from .parts import Export, Mould, Piece
+from .solids import Number
 
 VOLUME = 1e-6
 """Largest relative error of a volume."""
@@ -23,9 +24,9 @@ class Check:
 
     what: str
     piece: str
-    expected: float
-    found: float
-    allowed: float
+    expected: Number
+    found: Number
+    allowed: Number
     unit: str = ""
 
     @property
@@ -68,8 +69,9 @@ def check_mould(mould: Mould, part: Any) -> Iterator[Check]:
         yield Check("undercut in the pull direction", name, 0, worst, allowed, "mm^3")
 
 
-def undercut(moving: Any, fixed: Any, sign: float) -> float:
-    """The largest volume that a solid pulled off along z shares with one that stays.
+def undercut(moving: Any, fixed: Any, sign: Number) -> float:
+    """The largest volume that a solid pulled off along z shares with one that stays, at the shifts half-way between
+    those at which faces meet.
 
     Between two shifts at which faces meet, the shared volume of blocks is linear in the shift; so it vanishes where it
     vanishes half-way.
@@ -81,7 +83,7 @@ def undercut(moving: Any, fixed: Any, sign: float) -> float:
     return max(solids.overlap(solids.moved(moving, (0.0, 0.0, sign * shift)), fixed) for shift in middles)
 
 
-def check_mesh(path: Path, piece: str, expected: float) -> Iterator[Check]:
+def check_mesh(path: Path, piece: str, expected: Number) -> Iterator[Check]:
     """An STL file opens without a repair, is closed, and is nearly as large as the solid (curves are polygons)."""
     import trimesh
 

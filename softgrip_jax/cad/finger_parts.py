@@ -19,7 +19,7 @@ from .limits import at_least, check_common, check_core
 from .moulding import mould_of, open_mould
 from .parts import Export, Mould, Piece, Probe, corners, piece
 from .rules import ManufactureTable
-from .solids import Block, Rod, Shape, joined
+from .solids import Block, Number, Rod, Shape, joined
 
 MOST_CHAMBERS = 200
 
@@ -28,12 +28,12 @@ MOST_CHAMBERS = 200
 class Chamber:
     """One chamber, mm: where it begins along the finger, its dimensions, its segment (from 1)."""
 
-    start: float
-    length: float
-    a: float
-    b: float
-    t: float
-    gap: float
+    start: Number
+    length: Number
+    a: Number
+    b: Number
+    t: Number
+    gap: Number
     segment: int
 
     @property
@@ -121,13 +121,13 @@ def finger_export(finger: PneuNet, table: ManufactureTable, with_moulds: bool) -
     return Export("finger", [whole, body, base, clamp, cap], moulds, probes, facts)
 
 
-def clamp_parts(B: float, foot: float, port_height: float, table: ManufactureTable) -> tuple[Piece, Piece]:
+def clamp_parts(B: Number, foot: Number, port_height: Number, table: ManufactureTable) -> tuple[Piece, Piece]:
     """(clamp, end cap): a printed box around the foot, and a plate behind it whose nipple goes into the air channel."""
     gap, frame, c = table.clearance_mm, table.frame_mm, table.channel_mm
     back, y, low, high = -table.foot_mm, B / 2 + gap + frame, -gap - frame, foot + gap + frame
     places = corners((-y + frame / 2, y - frame / 2), (low + frame / 2, high - frame / 2))
 
-    def screws(start: float, length: float) -> list[Shape]:
+    def screws(start: Number, length: Number) -> list[Shape]:
         return [Rod((start, py, pz), table.screw_mm / 2, length, "x") for py, pz in places]
 
     clamp = piece(
@@ -163,7 +163,7 @@ def body_mould(
     cores: list[Block],
     ridges: list[Block],
     chambers: list[Chamber],
-    sides: list[float],
+    sides: list[Number],
     table: ManufactureTable,
 ) -> Mould:
     """The body's mould, turned over: the tray holds the outside, the lid the comb of cores and the channel's ridge."""
@@ -195,7 +195,13 @@ def body_mould(
 
 
 def probes_of(
-    chambers: list[Chamber], sides: list[float], top_wall: float, H: float, B: float, L: float, table: ManufactureTable
+    chambers: list[Chamber],
+    sides: list[Number],
+    top_wall: Number,
+    H: Number,
+    B: Number,
+    L: Number,
+    table: ManufactureTable,
 ) -> list[Probe]:
     """Every wall of every chamber, the gaps' lengths by the chambers' outer lengths, cover and tunnel."""
     along, across, up = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -218,7 +224,7 @@ def probes_of(
     return probes
 
 
-def check(chambers: list[Chamber], sides: list[float], top_wall: float, B: float, table: ManufactureTable) -> None:
+def check(chambers: list[Chamber], sides: list[Number], top_wall: Number, B: Number, table: ManufactureTable) -> None:
     """The rules of a finger; an InputError in one sentence."""
     check_common(table)
     c, w = table.channel_mm, table.channel_wall_mm

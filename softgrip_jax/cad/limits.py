@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from ..errors import InputError
 from .parts import Mould, Piece
 from .rules import ManufactureTable
-from .solids import extent
+from .solids import Number, extent
 
 
-def at_least(what: str, value: float, least: float, why: str) -> None:
+def at_least(what: str, value: Number, least: Number, why: str) -> None:
     """An InputError where a length in mm is too small."""
     if not value >= least - 1e-9:
         raise InputError(f"{what} is {value:.4g} mm; it must be at least {least:.4g} mm: {why}.")
@@ -32,7 +32,7 @@ def check_common(table: ManufactureTable) -> None:
     at_least("the radius of a pin at its end", tip, 0.5, "lower draft_deg or mould_floor_mm, or raise pin_mm")
 
 
-def check_core(name: str, thickness: float, height: float, table: ManufactureTable, change: str) -> None:
+def check_core(name: str, thickness: Number, height: Number, table: ManufactureTable, change: str) -> None:
     """Rules of a printed tooth: thick enough to print, and not too slender to hold."""
     if thickness < table.least_core_mm - 1e-9:
         raise InputError(
@@ -46,7 +46,7 @@ def check_core(name: str, thickness: float, height: float, table: ManufactureTab
         )
 
 
-def check_bed(pieces: Sequence[Piece], moulds: Sequence[Mould], scale: float, table: ManufactureTable) -> None:
+def check_bed(pieces: Sequence[Piece], moulds: Sequence[Mould], scale: Number, table: ManufactureTable) -> None:
     """An InputError where a printed piece is larger than the bed, turned about the vertical or not."""
     printed = [(one, 1.0) for one in pieces if one.made == "printed"]
     printed += [(one, scale) for mould in moulds for one in mould.pieces]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from .parts import Mould, corners, piece, rods
 from .rules import ManufactureTable
-from .solids import Block, Rod, Shape
+from .solids import Block, Number, Rod, Shape
 
 
-def outline(shapes: Sequence[Block]) -> tuple[tuple[float, float], tuple[float, float]]:
+def outline(shapes: Sequence[Block]) -> tuple[tuple[Number, Number], tuple[Number, Number]]:
     """The range of blocks along x and along y."""
     x = min(one.low[0] for one in shapes), max(one.high[0] for one in shapes)
     y = min(one.low[1] for one in shapes), max(one.high[1] for one in shapes)
@@ -21,12 +21,12 @@ def mould_of(
     name: str,
     casts: str,
     part: Sequence[Block],
-    height: tuple[float, float],
-    pours: list[tuple[float, float]],
-    vents: list[tuple[float, float]],
+    height: tuple[Number, Number],
+    pours: list[tuple[Number, Number]],
+    vents: list[tuple[Number, Number]],
     table: ManufactureTable,
     teeth: Sequence[Block] = (),
-    vent_mm: float | None = None,
+    vent_mm: Number | None = None,
     is_turned: bool = False,
 ) -> Mould:
     """A mould of two pieces that part at the top of the range `height`; teeth hang from the lid into the part.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from .solids import Block, Point, Rod, Shape, made_of
+from .solids import Block, Number, Point, Rod, Shape, made_of
 
 
 @dataclasses.dataclass(frozen=True)
@@ -14,7 +14,7 @@ class Piece:
 
     name: str
     solid: Any
-    volume: float
+    volume: Number
     made: str
     """"cast", "printed", "bonded" (of cast ones) or "mould"."""
 
@@ -27,7 +27,7 @@ class Probe:
     name: str
     point: Point
     direction: Point
-    expected: float
+    expected: Number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Mould:
     """What the pieces, the part, and the holes fill together."""
     holes: list[Shape]
     """For pouring, air and pins."""
-    pulls: dict[str, float]
+    pulls: dict[str, Number]
     """Piece -> +1 or -1: it is pulled off along z or against it."""
     is_turned: bool = False
     """Whether the part stands in it upside down, turned about x."""
@@ -65,7 +65,7 @@ def piece(name: str, made: str, plus: list[Shape], minus: list[Shape]) -> Piece:
     return Piece(name, made_of(plus, minus), volume, made)
 
 
-def ring(inner: tuple[float, float], outer: tuple[float, float], low: float, high: float) -> list[Shape]:
+def ring(inner: tuple[Number, Number], outer: tuple[Number, Number], low: Number, high: Number) -> list[Shape]:
     """A rectangular ring about the origin as four blocks; half widths along x and y."""
     (a, b), (c, d) = inner, outer
     return [
@@ -76,11 +76,11 @@ def ring(inner: tuple[float, float], outer: tuple[float, float], low: float, hig
     ]
 
 
-def corners(x: tuple[float, float], y: tuple[float, float]) -> list[tuple[float, float]]:
+def corners(x: tuple[Number, Number], y: tuple[Number, Number]) -> list[tuple[Number, Number]]:
     """The four corners of a rectangle."""
     return [(px, py) for px in x for py in y]
 
 
-def rods(places: list[tuple[float, float]], diameter: float, low: float, high: float) -> list[Shape]:
+def rods(places: list[tuple[Number, Number]], diameter: Number, low: Number, high: Number) -> list[Shape]:
     """Upright cylinders."""
     return [Rod((x, y, low), diameter / 2, high - low) for x, y in places]

@@ -10,6 +10,7 @@ from . import solids
 from .checks import Check
 from .parts import Export
 from .rules import ManufactureTable
+from .solids import Number
 
 STYLE = """body{font:15px/1.45 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.6em 0 1.4em}td,th{border:1px solid #bbb;padding:.25em .6em;text-align:left}
@@ -69,13 +70,13 @@ def sheet(
     checks: Sequence[Check],
     expected: Sequence[tuple[str, str]],
     pictures: Sequence[str],
-    scale: float,
+    scale: Number,
 ) -> str:
     """The page; `expected` is what the model says of the design, `pictures` are names of files beside it."""
     printed = [(one, "part", 1.0) for one in export.pieces if one.made == "printed"]
     printed += [(one, f"mould of the {mould.casts}", scale) for mould in export.moulds for one in mould.pieces]
 
-    def size(solid: Any, factor: float) -> str:
+    def size(solid: Any, factor: Number) -> str:
         return " x ".join(f"{factor * length:.5g}" for length in solids.extent(solid))
 
     sizes = [

@@ -13,10 +13,10 @@ from .limits import at_least, check_common
 from .moulding import mould_of
 from .parts import Export, Probe, corners, piece, ring, rods
 from .rules import ManufactureTable
-from .solids import Block, Shape
+from .solids import Block, Number, Shape
 
 
-def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: float | None, with_moulds: bool) -> Export:
+def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number | None, with_moulds: bool) -> Export:
     """The parts of a shell and their mould; `distance_mm` is that of a plane in front of the membrane."""
     a, b, t = (float(value) / mm for value in (shell.a, shell.b, shell.t_m))
     rim, bead, wall, gap = table.rim_mm, table.bead_mm, table.least_wall_mm, table.clearance_mm
@@ -76,7 +76,7 @@ def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: float |
     return Export("shell", [membrane, frame, cover], moulds, probes, facts)
 
 
-def check(shell: FlatShell, table: ManufactureTable, t: float, a: float, distance_mm: float | None) -> None:
+def check(shell: FlatShell, table: ManufactureTable, t: Number, a: Number, distance_mm: Number | None) -> None:
     """The rules of a shell; an InputError in one sentence."""
     check_common(table)
     at_least("t_m_mm", t, table.least_silicone_mm, "liquid silicone does not fill a thinner sheet (least_silicone_mm)")

@@ -14,7 +14,8 @@ from typing import Any
 
 from ..errors import InputError
 
-Point = tuple[float, float, float]
+Number = int | float
+Point = tuple[Number, Number, Number]
 
 
 @functools.cache
@@ -57,10 +58,10 @@ class Rod:
     """A cylinder, or a cone cut off, from a point along z or x; `top` is its radius at the end where it is another."""
 
     start: Point
-    radius: float
-    length: float
+    radius: Number
+    length: Number
     axis: str = "z"
-    top: float | None = None
+    top: Number | None = None
 
     @property
     def volume(self) -> float:
@@ -148,7 +149,7 @@ def turned(solid: Any) -> Any:
     return kernel().Rot(180, 0, 0) * solid
 
 
-def scaled(solid: Any, factor: float) -> Any:
+def scaled(solid: Any, factor: Number) -> Any:
     """The solid made larger about the origin."""
     return solid if factor == 1 else kernel().scale(solid, by=factor).solid()
 
@@ -159,7 +160,7 @@ def extent(solid: Any) -> Point:
     return size.X, size.Y, size.Z
 
 
-def levels(solid: Any) -> list[float]:
+def levels(solid: Any) -> list[Number]:
     """The heights z of its vertices, mm."""
     return sorted({round(vertex.Z, 7) for vertex in solid.vertices()})
 

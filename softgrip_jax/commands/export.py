@@ -76,7 +76,7 @@ def run_export(
     return not bad
 
 
-def write_solids(folder: Path, export: Any, scale: float, step: bool, stl: bool) -> list[Any]:
+def write_solids(folder: Path, export: Any, scale: int | float, step: bool, stl: bool) -> list[Any]:
     """The files of all pieces, moulds larger by `scale`; returns the checks of what was read back from them."""
     from .. import cad
     from ..cad import solids
@@ -143,7 +143,12 @@ def draw_all(folder: Path, export: Any) -> list[str]:
     rows |= {f"mould_{mould.name}": (mould.pieces, f"mould of the {mould.casts}") for mould in export.moulds}
     names = []
     for name, (pieces, title) in rows.items():
-        shown = [(one.name, solids.triangles(one.solid), solids.edges(one.solid)) for one in pieces]
+        shown = []
+        for one in pieces:
+            is_lid = one.name.endswith(" lid")  # its cores are below
+            solid = solids.turned(one.solid) if is_lid else one.solid
+            words = f"{one.name}, turned over" if is_lid else one.name
+            shown.append((words, solids.triangles(solid), solids.edges(solid)))
         solids_figure(shown, title).savefig(folder / f"{name}.png", dpi=110)
         names.append(f"{name}.png")
     return names
