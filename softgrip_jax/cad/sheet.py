@@ -55,7 +55,7 @@ def table_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
 
     def cell(value: object) -> str:
         if isinstance(value, float):
-            return f'<td class="n">{value:.5g}</td>'
+            return f'<td class="n">{value:.7g}</td>'
         return f"<td>{escape(str(value))}</td>"
 
     head = "".join(f"<th>{escape(word)}</th>" for word in header)
