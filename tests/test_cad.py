@@ -104,6 +104,17 @@ def test_an_undercut_is_seen():
     assert undercut(hook, ledge, -1.0) == 0
 
 
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_a_base_has_holes_for_all_fingers(n):
+    base = cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=n, base_radius=30 * mm), TABLE)
+    (solid,) = solids.solids_of(base.solid)
+    assert solid.is_valid
+    assert len(solid.edges().filter_by(lambda edge: edge.is_closed)) == 2 * (1 + 5 * n)
+    assert solid.volume == pytest.approx(base.volume, rel=1e-9)
+    with pytest.raises(InputError, match="the clamps of 4 fingers would overlap"):
+        cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm), TABLE)
+
+
 def test_segments_hold_whole_chambers():
     finger = a_finger(h_x=[0.9, 1.1], L=30.0)
     chambers = chambers_of(finger)

@@ -9,6 +9,7 @@ import dataclasses
 from typing import Any
 
 from ..errors import InputError
+from ..pneunet import Gripper
 from ..pneunet.finger import PneuNet
 from ..scene import Scene
 from ..shell import FlatShell
@@ -19,6 +20,7 @@ from .checks import check_mesh as check_mesh
 from .checks import check_solids as check_solids
 from .checks import check_thicknesses as check_thicknesses
 from .finger_parts import finger_export as finger_export
+from .finger_parts import gripper_base as gripper_base
 from .limits import check_bed
 from .parts import Export as Export
 from .parts import Piece as Piece
@@ -53,5 +55,10 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -
         export = shell_export(actuator, table, None if distance is None else float(distance) / mm, with_moulds)
     else:
         export = finger_export(actuator, table, with_moulds)
+        gripper = getattr(scene, "gripper", None)
+        if isinstance(gripper, Gripper):
+            base = gripper_base(gripper, table)
+            facts = export.facts | {"fingers": f"{gripper.n}: cast and print every part but the base as often"}
+            export = dataclasses.replace(export, pieces=[*export.pieces, base], facts=facts)
     check_bed(export.pieces, export.moulds, growth(table), table)
     return export

@@ -13,11 +13,12 @@ import math
 import numpy as np
 
 from ..errors import InputError
+from ..pneunet import Gripper
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..units import mm
 from .limits import at_least, check_common, check_core
 from .moulding import mould_of, open_mould
-from .parts import Export, Mould, Piece, Probe, corners, piece
+from .parts import Export, Mould, Piece, Probe, corners, piece, rods
 from .rules import ManufactureTable
 from .solids import Block, Number, Rod, Shape, joined
 
@@ -156,6 +157,33 @@ def clamp_parts(B: Number, foot: Number, port_height: Number, table: Manufacture
         ],
     )
     return clamp, cap
+
+
+def gripper_base(gripper: Gripper, table: ManufactureTable) -> Piece:
+    """A round plate that the end caps of all fingers are screwed on, with a hole for each tube.
+
+    The covers' faces stand on the circle that the scene means, and look towards the axis.
+    """
+    finger = gripper.finger
+    H, B = float(finger.H) / mm, float(finger.B) / mm
+    gap, frame, c, n = table.clearance_mm, table.frame_mm, table.channel_mm, gripper.n
+    face = float(gripper.midline_radius()) / mm - H / 2
+    y, low, high = B / 2 + gap + frame, -gap - frame, H + c + 2 * table.channel_wall_mm + gap + frame
+    least = y / math.tan(math.pi / n) - low if n > 2 else -low
+    at_least("base_radius_mm", face, least, f"the clamps of {n} fingers would overlap; or lower frame_mm")
+    radius = math.hypot(face + high, y) + table.least_wall_mm
+    places = corners((face + low + frame / 2, face + high - frame / 2), (-y + frame / 2, y - frame / 2))
+    holes: list[Shape] = []
+    for number in range(n):
+        cos, sin = math.cos(2 * math.pi * number / n), math.sin(2 * math.pi * number / n)
+
+        def turned(place: tuple[Number, Number], cos: Number = cos, sin: Number = sin) -> tuple[Number, Number]:
+            return place[0] * cos - place[1] * sin, place[0] * sin + place[1] * cos
+
+        holes += rods([turned(place) for place in places], table.screw_mm, 0.0, table.floor_mm)
+        port = turned((face + H + c / 2, 0.0))
+        holes += rods([port], table.port_mm + 2 * gap, 0.0, table.floor_mm)
+    return piece("gripper base", "printed", [Rod((0.0, 0.0, 0.0), radius, table.floor_mm)], holes)
 
 
 def body_mould(
