@@ -14,7 +14,8 @@ from rich.console import Console
 import softgrip_jax as sg
 from optim.calibration.run import run_calibrate
 from optim.design.run import run_design
-from softgrip_jax import plots, thesis
+from softgrip_jax import cad, plots, thesis
+from softgrip_jax.commands.export import draw_all
 from softgrip_jax.commands.reproduce import run_reproduce
 from softgrip_jax.commands.verify import run_verify
 from softgrip_jax.plots import animate
@@ -142,6 +143,19 @@ def gallery_runs() -> None:
             (IMAGES / f"gallery_{name}.png").write_bytes((out / run / f"{name}.png").read_bytes())
 
 
+def moulds() -> None:
+    """Parts and moulds, as docs/guides/mould.md shows them."""
+    table = cad.ManufactureTable()
+    shell = cad.shell_export(thesis.shell(), table, 5.0, True)
+    finger = cad.finger_export(sg.PneuNet.table_5_1("A"), table, True)
+    with tempfile.TemporaryDirectory() as folder:
+        for export, own in ((shell, "membrane"), (finger, "body")):
+            draw_all(Path(folder), export)
+            for name, said in (("parts", "parts"), (f"mould_{own}", own)):
+                picture = (Path(folder) / f"{name}.png").read_bytes()
+                (IMAGES / f"mould_{export.kind}_{said}.png").write_bytes(picture)
+
+
 GALLERY_DPI = 130
 """Enough for a screen."""
 
@@ -153,6 +167,7 @@ MAKE = {
     "verified": verified,
     "gallery_scenes": gallery_scenes,
     "gallery_runs": gallery_runs,
+    "moulds": moulds,
 }
 
 if __name__ == "__main__":

@@ -10,10 +10,12 @@ from conftest import ROOT
 
 from optim.calibration.settings import CalibrateTable
 from optim.design.settings import DesignTable
+from softgrip_jax.cad import ManufactureTable
 from softgrip_jax.commands.sensitivity import SensitivityTable
 from softgrip_jax.commands.sweep import SweepTable
 
 TABLES = {"design": DesignTable, "sweep": SweepTable, "sensitivity": SensitivityTable, "calibrate": CalibrateTable}
+TABLES |= {"manufacture": ManufactureTable}
 PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
 TOML = re.compile(r"^```toml\n(.*?)^```", re.DOTALL | re.MULTILINE)

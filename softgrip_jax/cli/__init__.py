@@ -22,6 +22,7 @@ from ..errors import InputError
 from ..plausible import units_are_stated
 from . import ending, profile
 from . import explore as explore
+from . import export as export
 from . import files as files
 from . import report as report
 from . import runs as runs
@@ -45,7 +46,6 @@ ORDER = (
     "verify",
     "export",
     "calibrate",
-    "plan",
     "report",
     "reproduce",
     "schema",

@@ -1,0 +1,64 @@
+"""Solids of a design: parts, moulds, and what is checked of them.
+
+Everything here is in mm, as CAD programs are. build123d is imported when the first solid is made.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from ..errors import InputError
+from ..pneunet import Gripper
+from ..pneunet.finger import PneuNet
+from ..scene import Scene
+from ..shell import FlatShell
+from ..units import mm
+from . import solids as solids
+from .checks import Check as Check
+from .checks import check_mesh as check_mesh
+from .checks import check_solids as check_solids
+from .checks import check_thicknesses as check_thicknesses
+from .finger_parts import finger_export as finger_export
+from .finger_parts import gripper_base as gripper_base
+from .limits import check_bed
+from .parts import Export as Export
+from .parts import Piece as Piece
+from .rules import ManufactureTable as ManufactureTable
+from .sheet import sheet as sheet
+from .sheet import silicone as silicone
+from .shell_parts import shell_export as shell_export
+
+
+def actuator_of(module: Any) -> FlatShell | PneuNet | None:
+    """The shell or the finger within a scene; None where there is neither."""
+    if isinstance(module, FlatShell | PneuNet):
+        return module
+    if not dataclasses.is_dataclass(module):
+        return None
+    parts = (getattr(module, field.name) for field in dataclasses.fields(module))
+    return next((found for found in map(actuator_of, parts) if found is not None), None)
+
+
+def growth(table: ManufactureTable) -> float:
+    """How much larger moulds are than what comes out of them."""
+    return 1 / (1 - table.shrinkage_percent / 100)
+
+
+def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -> Export:
+    """The parts of a scene's actuator, and its moulds; an InputError in one sentence where that cannot be made."""
+    actuator = actuator_of(scene)
+    if actuator is None:
+        raise InputError(f"A {type(scene).__name__} has neither a shell nor a finger to be made.")
+    if isinstance(actuator, FlatShell):
+        distance = getattr(scene, "distance", None)
+        export = shell_export(actuator, table, None if distance is None else float(distance) / mm, with_moulds)
+    else:
+        export = finger_export(actuator, table, with_moulds)
+        gripper = getattr(scene, "gripper", None)
+        if isinstance(gripper, Gripper):
+            base = gripper_base(gripper, table)
+            facts = export.facts | {"fingers": f"{gripper.n}: cast and print every part but the base as often"}
+            export = dataclasses.replace(export, pieces=[*export.pieces, base], facts=facts)
+    check_bed(export.pieces, export.moulds, growth(table), table)
+    return export

@@ -1,0 +1,127 @@
+"""The sheet that goes to the bench with an exported design: one HTML page without anything from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+from . import solids
+from .checks import Check
+from .parts import Export
+from .rules import ManufactureTable
+from .solids import Number
+
+STYLE = """body{font:15px/1.45 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}
+table{border-collapse:collapse;margin:.6em 0 1.4em}td,th{border:1px solid #bbb;padding:.25em .6em;text-align:left}
+td.n{text-align:right;font-variant-numeric:tabular-nums}img{max-width:100%}.bad{color:#b00;font-weight:bold}
+@media print{body{margin:0}}"""
+
+STEPS = {
+    "shell": (
+        "Print the tray and the lid of the membrane's mould, the frame and the ring.",
+        "Mix parts A and B, draw the air out, pour the tray full, press the lid on its pins: what is too much leaves "
+        "by the holes.",
+        "Cut the sprues off the rim after curing; pull the lid up and the membrane out.",
+        "Lay the bead into the groove of the frame, screw the ring on, glue the air tube into the port.",
+    ),
+    "finger": (
+        "Print tray and lid of the body's mould, the tray of the base layer, clamp and end cap.",
+        "Mix parts A and B, draw the air out, pour the body's tray full, press the lid with its cores on the pins: air "
+        "and what is too much leave by the holes over the side walls.",
+        "Pour the tray of the base layer and level it with a straight edge.",
+        "After curing pull the lid straight off, then the body out of its tray; cut the sprues off.",
+        "Bond the open side of the body to the base layer with a thin film of fresh silicone; keep the channel free.",
+        "Push the foot into the clamp and the nipple of the end cap into the channel, screw both together, glue in the "
+        "tube.",
+    ),
+}
+
+
+def silicone(export: Export, table: ManufactureTable) -> list[tuple[str, float, float, float, float]]:
+    """(part, volume in cm^3, its mass, part A, part B) of every pour, masses in g; A and B with what is spare."""
+    rows = []
+    for piece in export.pieces:
+        if piece.made == "cast":
+            mass = piece.volume / 1000 * table.density_g_per_cm3
+            mixed = mass * (1 + table.spare_percent / 100)
+            share = table.parts_a_to_b / (1 + table.parts_a_to_b)
+            rows.append((piece.name, piece.volume / 1000, mass, mixed * share, mixed * (1 - share)))
+    return rows
+
+
+def table_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """An HTML table; numbers stand on the right."""
+
+    def cell(value: object) -> str:
+        if isinstance(value, float):
+            return f'<td class="n">{value:.7g}</td>'
+        return f"<td>{escape(str(value))}</td>"
+
+    head = "".join(f"<th>{escape(word)}</th>" for word in header)
+    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
+    return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def sheet(
+    title: str,
+    export: Export,
+    table: ManufactureTable,
+    checks: Sequence[Check],
+    expected: Sequence[tuple[str, str]],
+    pictures: Sequence[str],
+    scale: Number,
+) -> str:
+    """The page; `expected` is what the model says of the design, `pictures` are names of files beside it."""
+    printed = [(one, "part", 1.0) for one in export.pieces if one.made == "printed"]
+    printed += [(one, f"mould of the {mould.casts}", scale) for mould in export.moulds for one in mould.pieces]
+
+    def size(solid: Any, factor: Number) -> str:
+        return " x ".join(f"{factor * length:.5g}" for length in solids.extent(solid))
+
+    sizes = [
+        (
+            one.name,
+            what,
+            " x ".join(f"{scale * length:.5g}" for length in solids.extent(one.solid)),
+            one.volume * scale**3 / 1000,
+        )
+        for one, what, scale in printed
+    ]
+    thick = [check for check in checks if check.unit == "mm"]
+    others = [check for check in checks if check.unit != "mm"]
+    bad = [check for check in checks if not check.good]
+    verdict = f"All {len(checks)} checks hold." if not bad else f"{len(bad)} of {len(checks)} checks fail."
+    parts = [
+        f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(title)}</title><style>{STYLE}</style>",
+        f"<h1>{escape(title)}</h1><p{' class=bad' if bad else ''}>{verdict}</p>",
+        table_of(("dimension", "value"), list(export.facts.items())),
+        *(f'<p><img src="{escape(name)}" alt=""></p>' for name in pictures),
+        "<h2>Silicone</h2>",
+        table_of(
+            ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)"), silicone(export, table)
+        ),
+        f"<p>Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. "
+        f"Moulds are larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %.</p>",
+        "<h2>To print</h2>",
+        table_of(("piece", "for", "size (mm)", "volume (cm^3)"), sizes),
+        "<h2>Steps</h2><ol>" + "".join(f"<li>{escape(step)}</li>" for step in STEPS[export.kind]) + "</ol>"
+        if export.moulds
+        else "",
+        "<h2>What the model expects</h2>",
+        table_of(("quantity", "value"), list(expected)),
+        "<h2>Thicknesses, measured in the solids</h2>",
+        table_of(
+            ("where", "part", "asked (mm)", "measured (mm)"), [(c.what, c.piece, c.expected, c.found) for c in thick]
+        ),
+        "<h2>Checks</h2>",
+        table_of(
+            ("check", "of", "expected", "found", "allowed difference", "holds"),
+            [
+                (c.what, c.piece, float(c.expected), float(c.found), float(c.allowed), "yes" if c.good else "NO")
+                for c in others
+            ],
+        ),
+        "</html>",
+    ]
+    return "\n".join(part for part in parts if part)

@@ -1,0 +1,99 @@
+"""The shell gripper's pad: a silicone membrane with a beaded rim, a printed frame with its port, a printed ring.
+
+The membrane lies from z = 0 to t_m on the frame, its bead in a groove; the ring presses the rim on the frame. The
+opening 2a x 2b of frame and ring is what the model calls the clamped edge.
+"""
+
+from __future__ import annotations
+
+from ..errors import InputError
+from ..shell import FlatShell
+from ..units import mm
+from .limits import at_least, check_common
+from .moulding import mould_of
+from .parts import Export, Probe, corners, piece, ring, rods
+from .rules import ManufactureTable
+from .solids import Block, Number, Shape
+
+
+def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number | None, with_moulds: bool) -> Export:
+    """The parts of a shell and their mould; `distance_mm` is that of a plane in front of the membrane."""
+    a, b, t = (float(value) / mm for value in (shell.a, shell.b, shell.t_m))
+    rim, bead, wall, gap = table.rim_mm, table.bead_mm, table.least_wall_mm, table.clearance_mm
+    check(shell, table, t, a, distance_mm)
+    outer = a + rim, b + rim
+    body = outer[0] + gap + table.frame_mm, outer[1] + gap + table.frame_mm
+    inner = outer[0] - bead, outer[1] - bead
+
+    sheet = Block((-outer[0], -outer[1], 0), (*outer, t))
+    edge = ring(inner, outer, -bead, 0)
+    membrane = piece("membrane", "cast", [sheet, *edge], [])
+
+    x, y = body[0] - table.frame_mm / 2, body[1] - table.frame_mm / 2
+    screws = [*corners((-x, x), (-y, y)), (-x, 0.0), (x, 0.0)]
+    floor = -table.cavity_mm - table.floor_mm
+    groove = ring((inner[0] - gap, inner[1] - gap), (outer[0] + gap, outer[1] + gap), -bead - gap, 0)
+    cavity: list[Shape] = [Block((-a, -b, -table.cavity_mm), (a, b, 0))]
+    port = rods([(0.0, 0.0)], table.port_mm, floor, -table.cavity_mm)
+    holes = rods(screws, table.screw_mm, floor, 0)
+    frame = piece(
+        "frame", "printed", [Block((-body[0], -body[1], floor), (*body, 0))], [*cavity, *groove, *port, *holes]
+    )
+    top = t + table.ring_mm
+    cover = piece(
+        "ring",
+        "printed",
+        [Block((-body[0], -body[1], t), (*body, top))],
+        [Block((-a, -b, t), (a, b, top)), *rods(screws, table.screw_mm, t, top)],
+    )
+    moulds = []
+    if with_moulds:
+        middle = rim / 2
+        places = corners((middle - outer[0], outer[0] - middle), (middle - outer[1], outer[1] - middle))
+        moulds.append(mould_of("membrane", "membrane", [sheet, *edge], (-bead, t), places[:1], places[1:], table))
+    up, x_axis = (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)
+    probes = [
+        Probe("membrane", "membrane, in the middle", (0, 0, t / 2), up, t),
+        Probe("membrane", "membrane, near its clamp", (0.9 * a, 0.9 * b, t / 2), up, t),
+        Probe("membrane", "rim with bead", (outer[0] - bead / 2, 0.1, t / 2), up, t + bead),
+        Probe("membrane", "bead, across", (outer[0] - bead / 2, 0.1, -bead / 2), x_axis, bead),
+        Probe("frame", "floor of the frame", (a / 2, b / 2, floor + table.floor_mm / 2), up, table.floor_mm),
+        Probe(
+            "frame",
+            "frame between cavity and groove",
+            (a + (rim - bead - gap) / 2, 0.1, -bead / 2),
+            x_axis,
+            rim - bead - gap,
+        ),
+        Probe("ring", "ring", (body[0] - table.frame_mm / 2, b / 2, t + table.ring_mm / 2), up, table.ring_mm),
+    ]
+    facts = {
+        "opening, 2a x 2b": f"{2 * a:.6g} x {2 * b:.6g} mm",
+        "membrane, t_m": f"{t:.6g} mm",
+        "screws": f"{len(screws)} holes of {table.screw_mm:g} mm through ring and frame",
+    }
+    at_least("the rim within the bead", rim - bead - gap, wall, "raise rim_mm or lower bead_mm")
+    return Export("shell", [membrane, frame, cover], moulds, probes, facts)
+
+
+def check(shell: FlatShell, table: ManufactureTable, t: Number, a: Number, distance_mm: Number | None) -> None:
+    """The rules of a shell; an InputError in one sentence."""
+    check_common(table)
+    at_least("t_m_mm", t, table.least_silicone_mm, "liquid silicone does not fill a thinner sheet (least_silicone_mm)")
+    wall, gap, bead = table.least_wall_mm, table.clearance_mm, table.bead_mm
+    least = bead + gap + wall
+    at_least("rim_mm", table.rim_mm, least, "the bead and a wall of the printer stand below it")
+    at_least("rim_mm", table.rim_mm, max(table.pour_mm, table.vent_mm), "pour and vent holes end on it")
+    at_least("bead_mm", bead, table.least_silicone_mm, "liquid silicone does not fill less (least_silicone_mm)")
+    least = bead + gap + wall - table.floor_mm
+    at_least("cavity_mm", table.cavity_mm, least, "the groove of the bead must not open below the frame")
+    if table.port_mm > 2 * a:
+        raise InputError(
+            f"port_mm is {table.port_mm:.4g} mm, wider than the membrane ({2 * a:.4g} mm): the air has no way in; "
+            "lower port_mm or raise a_mm."
+        )
+    if distance_mm is not None and table.ring_mm >= distance_mm:
+        raise InputError(
+            f"ring_mm is {table.ring_mm:.4g} mm, but the plane is {distance_mm:.4g} mm in front of the membrane: the "
+            "ring would touch it first; lower ring_mm or raise distance_mm."
+        )

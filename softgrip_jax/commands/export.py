@@ -1,0 +1,154 @@
+"""`softgrip export CONFIG.toml`: solids of a design, its moulds, and the sheet for the bench.
+
+Reads the scene of a config and its section [manufacture]; writes a folder of STEP and STL files, pictures, sheet.html.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from ..errors import CellRangeWarning, InputError, located
+from ..folders import contents, new_folder
+from .files import one_scene, tell_folder
+from .programs import kept
+
+
+def run_export(
+    config: Path,
+    step: bool,
+    stl: bool,
+    mould: bool,
+    scene: str | None,
+    out: Path | None,
+    console: Console,
+    as_json: bool,
+) -> bool:
+    """Write a design as solids; returns whether all checks hold. Without step and stl both are written."""
+    from .. import cad
+    from .. import config as configs
+
+    if not step and not stl:
+        step = stl = True
+    read = one_scene(config, scene)
+    table = configs.validated(cad.ManufactureTable, read.tables.get("manufacture", {}), f"{config}, [manufacture]")
+    with new_folder(out, f"{config.stem}-export") as (folder, final):
+        with console.status("building solids") as status, located(str(config)):
+            export = cad.export_of(read.scene, table, mould)
+            checks = cad.check_solids(export, status.update)
+            status.update("writing")
+            checks += write_solids(folder, export, cad.growth(table), step, stl)
+            status.update("solving the scene")
+            expected = expectations(read)
+            status.update("drawing")
+            pictures = draw_all(folder, export)
+        page = cad.sheet(
+            f"{read.path.stem}: {export.kind}", export, table, checks, expected, pictures, cad.growth(table)
+        )
+        (folder / "sheet.html").write_text(page, encoding="utf-8")
+        (folder / "config.toml").write_bytes(configs.standalone(config))
+        found = {
+            "kind": export.kind,
+            "silicone": [
+                dict(zip(("pour", "volume_cm3", "mass_g", "part_A_g", "part_B_g"), row, strict=True))
+                for row in cad.silicone(export, table)
+            ],
+            "expected": dict(expected),
+            "checks": [check.as_data() for check in checks],
+            "all_good": all(check.good for check in checks),
+        }
+        (folder / "result.json").write_text(json.dumps(found, indent=2), encoding="utf-8")
+    bad = [check for check in checks if not check.good]
+    if as_json:
+        tell_folder(as_json, final)
+    else:
+        for name, volume, mass, part_a, part_b in cad.silicone(export, table):
+            console.print(
+                f"{name}: {volume:.2f} cm^3, {mass:.1f} g; weigh {part_a:.1f} g of A and {part_b:.1f} g of B."
+            )
+        for check in bad:
+            console.print(f"FAILS: {check.what} of {check.piece}: {check.found:.6g}, expected {check.expected:.6g}.")
+        console.print(f"{len(checks) - len(bad)} of {len(checks)} checks hold.")
+        console.print(f"{final} has {contents(final)}.", soft_wrap=True)
+    return not bad
+
+
+def write_solids(folder: Path, export: Any, scale: int | float, step: bool, stl: bool) -> list[Any]:
+    """The files of all pieces, moulds larger by `scale`; returns the checks of what was read back from them."""
+    from .. import cad
+    from ..cad import solids
+
+    checks, read = [], {}
+    kinds = [("parts", export.pieces, 1.0), ("moulds", [one for mould in export.moulds for one in mould.pieces], scale)]
+    for place, pieces, factor in kinds:
+        if pieces:
+            (folder / place).mkdir()
+        for piece in pieces:
+            solid = solids.scaled(piece.solid, factor)
+            path = folder / place / piece.name.replace(" ", "_")
+            expected = piece.volume * factor**3
+            if step:
+                solids.write_step(solid, path.with_suffix(".step"))
+                back = solids.read_step(path.with_suffix(".step"))
+                found = solids.volume(back) if len(back) == 1 else float("nan")
+                checks.append(cad.Check("volume of the STEP", piece.name, expected, found, 1e-6 * expected, "mm^3"))
+                if factor == 1 and len(back) == 1:
+                    read[piece.name] = back[0]
+            if stl:
+                solids.write_stl(solid, path.with_suffix(".stl"))
+                checks += cad.check_mesh(path.with_suffix(".stl"), piece.name, expected)
+    return checks + list(cad.check_thicknesses(export, read or {piece.name: piece.solid for piece in export.pieces}))
+
+
+def expectations(read: Any) -> list[tuple[str, str]]:
+    """What the model says of the design: its state as [solve] asks, where it does, and its limit pressure."""
+    import warnings
+
+    import numpy as np
+
+    from .. import config as configs
+    from ..questions import _pressure_for, limit_pressure, to_reach, to_solve
+    from ..results import in_units
+    from ..scene import equilibrium
+
+    rows: list[tuple[str, str]] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", CellRangeWarning)  # softgrip solve says it
+        try:
+            asked = configs.question(read)
+            if "pressure" in asked:
+                solution = kept(equilibrium, *to_solve(read.scene, **asked))
+            else:
+                solution = kept(_pressure_for, *to_reach(read.scene, **asked))
+            rows += [(name, value) for name, value in solution.rows() if value != "-"]
+        except InputError as error:
+            rows.append(("state", f"none: {error}"))
+        try:
+            limit = float(limit_pressure(read.scene))
+            rows.append(("limit pressure", in_units(limit, "pressure") if np.isfinite(limit) else "none"))
+        except InputError as error:
+            rows.append(("limit pressure", f"none: {error}"))
+    return rows
+
+
+def draw_all(folder: Path, export: Any) -> list[str]:
+    """A picture of the parts and one of each mould; their names."""
+    from ..cad import solids
+    from ..plots.solids import solids_figure
+
+    rows = {"parts": (export.pieces, "")}
+    rows |= {f"mould_{mould.name}": (mould.pieces, f"mould of the {mould.casts}") for mould in export.moulds}
+    names = []
+    for name, (pieces, title) in rows.items():
+        shown = []
+        for one in pieces:
+            is_lid = one.name.endswith(" lid")  # its cores are below
+            solid = solids.turned(one.solid) if is_lid else one.solid
+            words = f"{one.name}, turned over" if is_lid else one.name
+            shown.append((words, solids.triangles(solid), solids.edges(solid)))
+        solids_figure(shown, title).savefig(folder / f"{name}.png", dpi=110)
+        names.append(f"{name}.png")
+    return names

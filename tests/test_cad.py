@@ -1,0 +1,253 @@
+"""Exported solids are what the config says, moulds leave exactly the part, and what cannot be made is one sentence."""
+
+import dataclasses
+import json
+import re
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import softgrip_jax as sg
+from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.errors import InputError
+from softgrip_jax.units import kPa, mm
+
+pytest.importorskip("build123d", reason="the extra cad is not installed")
+trimesh = pytest.importorskip("trimesh", reason="the extra cad is not installed")
+
+from softgrip_jax import cad  # noqa: E402
+from softgrip_jax.cad import solids  # noqa: E402
+from softgrip_jax.cad.checks import check_mould, undercut  # noqa: E402
+from softgrip_jax.cad.finger_parts import chambers_of  # noqa: E402
+
+TABLE = cad.ManufactureTable()
+
+
+def a_shell(a=16.0, b=43.0, t_m=1.1):
+    return sg.FlatShell(a=a * mm, b=b * mm, t_m=t_m * mm, material=sg.NeoHookean(mu=175 * kPa))
+
+
+def a_finger(**changed):
+    return dataclasses.replace(
+        sg.PneuNet.table_5_1("A", L=20 * mm), **{name: np.asarray(value) * mm for name, value in changed.items()}
+    )
+
+
+@pytest.fixture(scope="module")
+def shell():
+    return cad.shell_export(a_shell(), TABLE, 5.0, True)
+
+
+@pytest.fixture(scope="module")
+def finger():
+    return cad.finger_export(a_finger(), TABLE, True)
+
+
+def named(export, name):
+    return next(piece for piece in export.pieces if piece.name == name)
+
+
+def test_all_checks_of_a_shell_hold(shell):
+    found = cad.check_solids(shell) + list(cad.check_thicknesses(shell, {p.name: p.solid for p in shell.pieces}))
+    assert [check for check in found if not check.good] == []
+    assert {"undercut in the pull direction", "volume", "membrane, in the middle"} <= {check.what for check in found}
+    # 44 x 98 x 1.1 for the sheet, and a ring 2 mm wide and high below its edge.
+    assert solids.volume(named(shell, "membrane").solid) == pytest.approx(44 * 98 * 1.1 + 2 * (44 * 98 - 40 * 94))
+
+
+def test_all_checks_of_a_finger_hold(finger):
+    found = cad.check_solids(finger) + list(cad.check_thicknesses(finger, {p.name: p.solid for p in finger.pieces}))
+    assert [check for check in found if not check.good] == []
+
+
+def test_the_volume_of_a_finger_is_that_of_its_walls(finger):
+    """By hand: 3 chambers of 4.2 x 20 x 12 mm with 2 x 16 x 10 mm of air, 1.1 mm walls, a 2 mm channel."""
+    start = (20 - 3 * 6) / 2 + 0.9
+    chambers = 3 * (4.2 * 20 * 12 - 2 * 16 * 10)
+    tunnels = (start + 2 * 1.8) * (5 * 3.5 - 2 * 2)
+    foot = 12 * (20 * 5 - 2 * 2)
+    through_walls = 5 * 1.1 * 2 * 2
+    expected = chambers + tunnels + foot - through_walls + (20 + 12) * 20 * 5
+    assert solids.volume(named(finger, "finger").solid) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_air_of_a_finger_is_one_space(finger):
+    """What the finger leaves of its own outline has one part with all chambers in it: 3 cavities, and the channel."""
+    air = solids.Block((-12, -1, 5), (1.9 + 2 * 6 + 2, 1, 7)).solid()
+    (left,) = solids.solids_of(solids.without(air, [named(finger, "finger").solid]))
+    assert pytest.approx(-12) == left.bounding_box().min.X
+    assert pytest.approx(1.9 + 2 * 6 + 2) == left.bounding_box().max.X
+
+
+def test_checks_see_what_is_wrong(shell):
+    """A thinner membrane is not what the mould leaves, nor as large or as thick as the config says."""
+    thin = cad.shell_export(a_shell(t_m=1.0995), TABLE, 5.0, False)
+    wrong = named(thin, "membrane").solid
+    said = [check.what for check in check_mould(shell.moulds[0], wrong) if not check.good]
+    assert "what the closed mould leaves, beside the part" in said
+    said = [check.what for check in cad.check_thicknesses(shell, {"membrane": wrong}) if not check.good]
+    assert said == []  # 1e-6 m is what is allowed
+    wrong = named(cad.shell_export(a_shell(t_m=1.09), TABLE, 5.0, False), "membrane").solid
+    said = [check.what for check in cad.check_thicknesses(shell, {"membrane": wrong}) if not check.good]
+    assert "membrane, in the middle" in said
+
+
+def test_an_undercut_is_seen():
+    """A hook under a ledge: free where it is, caught where it is pulled up, free where it is pulled down."""
+    ledge = solids.Block((0, 0, 0), (10, 10, 1)).solid()
+    hook = solids.Block((8, 0, -2), (12, 10, -1)).solid()
+    assert undercut(hook, ledge, 1.0) == pytest.approx(2 * 10 * 0.5)  # half-way between two meetings of faces
+    assert undercut(hook, ledge, -1.0) == 0
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_a_base_has_holes_for_all_fingers(n):
+    base = cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=n, base_radius=30 * mm), TABLE)
+    (solid,) = solids.solids_of(base.solid)
+    assert solid.is_valid
+    assert len(solid.edges().filter_by(lambda edge: edge.is_closed)) == 2 * (1 + 5 * n)
+    assert solid.volume == pytest.approx(base.volume, rel=1e-9)
+    with pytest.raises(InputError, match="the clamps of 4 fingers would overlap"):
+        cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm), TABLE)
+
+
+def test_segments_hold_whole_chambers():
+    finger = a_finger(h_x=[0.9, 1.1], L=30.0)
+    chambers = chambers_of(finger)
+    lengths = 30 * np.array([6.0, 6.4]) / 12.4
+    assert [sum(one.segment == k for one in chambers) for k in (1, 2)] == [int(lengths[0] // 6), int(lengths[1] // 6.4)]
+    for one, other in pairwise(chambers):
+        assert other.start - one.end >= (one.gap + other.gap) / 2 - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("changed", "table", "says"),
+    [
+        ({"h_L": 3.0}, {}, "The core of segment 1, h_L_mm - 2 t_m_mm, is 0.8 mm thick, too thin to hold"),
+        ({"h_L": 3.3, "a": 10.0}, {}, "too slender to hold: 18.2 to 1"),
+        ({"h_x": 0.2}, {}, "The fin of the mould of segment 1, 2 h_x_mm, is 0.4 mm thick"),
+        ({}, {"channel_mm": 0}, "channel_mm is 0 mm: the chambers of segment 1 would have no way for air"),
+        ({"b": 0.9}, {}, "would have no way for air"),
+        ({"L": 5.0}, {}, "Segment 1 is 5 mm long, shorter than its chamber with its gap (6 mm)"),
+        ({"L": 250.0}, {}, "larger than the printer's bed of 220 x 220 x 250 mm"),
+        ({"b": 10.5}, {}, "it must be at least 0.5 mm: liquid silicone does not fill a thinner wall"),
+        ({}, {"side_wall_mm": 3}, "wider than the cover (B_mm = 20)"),
+        ({}, {"mould_wall_mm": 4}, "mould_wall_mm is 4 mm; it must be at least 6 mm"),
+    ],
+)
+def test_fingers_that_cannot_be_made(changed, table, says):
+    with pytest.raises(InputError) as caught:
+        cad.export_of(sg.pneunet.Free(a_finger(**changed)), cad.ManufactureTable(**table))
+    assert says in str(caught.value)
+    assert str(caught.value).count(". ") == 0
+
+
+@pytest.mark.parametrize(
+    ("shell", "table", "says"),
+    [
+        (a_shell(t_m=0.3), {}, "t_m_mm is 0.3 mm; it must be at least 0.5 mm"),
+        (a_shell(), {"rim_mm": 2.5}, "rim_mm is 2.5 mm; it must be at least 3 mm"),
+        (a_shell(), {"ring_mm": 6}, "the plane is 5 mm in front of the membrane"),
+        (a_shell(a=1.5), {}, "the air has no way in"),
+        (a_shell(b=120), {}, "larger than the printer's bed"),
+    ],
+)
+def test_shells_that_cannot_be_made(shell, table, says):
+    with pytest.raises(InputError) as caught:
+        cad.export_of(sg.shell.FlatContact(shell, distance=5 * mm), cad.ManufactureTable(**table))
+    assert says in str(caught.value)
+
+
+CONFIG = """
+[scene]
+type = "shell.FlatContact"
+distance_mm = 5
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "NeoHookean", mu_kPa = 175 } }
+[solve]
+pressure_kPa = 15
+"""
+
+
+def test_the_command_writes_a_folder(tmp_path, capsys):
+    (tmp_path / "pad.toml").write_text(CONFIG + "[manufacture]\nrim_mm = 5\n")
+    out = tmp_path / "pad"
+    assert run(["export", str(tmp_path / "pad.toml"), "--mould", "--out", str(out), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["all_good"]
+    names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
+    assert {"parts/membrane.step", "parts/frame.stl", "moulds/membrane_lid.stl", "sheet.html", "parts.png"} <= names
+    volume = 42 * 96 * 1.1 + 2 * (42 * 96 - 38 * 92)
+    mesh = trimesh.load(out / "parts" / "membrane.stl")
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(volume, rel=1e-5)
+    (pour,) = told["silicone"]
+    assert pour["part_A_g"] == pytest.approx(volume / 1000 * 1.08 * 1.15 / 2)
+    # Moulds are larger than the part by what the silicone shrinks.
+    low, high = trimesh.load(out / "moulds" / "membrane_lid.stl").bounds
+    assert (high - low)[0] == pytest.approx((42 + 2 * 8) / 0.999, rel=1e-5)
+    page = (out / "sheet.html").read_text()
+    assert "limit pressure" in page
+    assert "http" not in page
+
+
+def test_nothing_is_written_where_it_cannot_be_made(tmp_path, capsys):
+    file = tmp_path / "pad.toml"
+    file.write_text(CONFIG.replace("t_m_mm = 1.1", "t_m_mm = 0.2"))
+    assert run(["export", str(file), "--out", str(tmp_path / "pad")]) == MISTAKE
+    assert capsys.readouterr().err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["pad.toml"]
+    file.write_text(CONFIG + "[manufacture]\nrimm_mm = 5\n")
+    assert run(["export", str(file)]) == MISTAKE
+    assert "there is no key rimm_mm; did you mean rim_mm?" in capsys.readouterr().err
+
+
+def test_a_missing_extra_is_one_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "build123d", None)
+    solids.kernel.cache_clear()
+    try:
+        with pytest.raises(InputError, match=r'pip install "softgrip_jax\[cad\]"'):
+            cad.export_of(sg.shell.Free(a_shell()), TABLE)
+    finally:
+        monkeypatch.undo()
+        solids.kernel.cache_clear()
+
+
+def lengths(low, high):
+    return st.floats(low, high, allow_nan=False).map(lambda value: round(value, 3))
+
+
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None, suppress_health_check=list(HealthCheck))
+@given(
+    st.booleans(),
+    lengths(2, 20),
+    lengths(1, 30),
+    lengths(0.3, 3),
+    lengths(0.2, 2),
+    lengths(2, 9),
+    lengths(6, 40),
+    lengths(0.5, 4),
+    lengths(1, 7),
+)
+def test_random_designs_are_right_or_refused(is_shell, a, b, t_m, h_x, h_L, L, channel, rim):
+    table = cad.ManufactureTable(channel_mm=channel, rim_mm=rim)
+    if is_shell:
+        scene = sg.shell.Free(a_shell(a=a, b=max(a, 2 * b), t_m=t_m))
+    else:
+        sizes = {"a": a / 2, "b": b / 3, "t_m": t_m, "h_x": h_x, "h_L": h_L, "L": L, "B": 20.0, "H": 4.0}
+        scene = sg.pneunet.Free(a_finger(**sizes))
+    refused = ""
+    try:
+        export = cad.export_of(scene, table)
+    except InputError as error:
+        refused = str(error)
+    if refused:
+        assert re.fullmatch(r"[A-Z0-9a-z].*\.", refused)
+        assert ". " not in refused
+        return
+    found = cad.check_solids(export) + list(cad.check_thicknesses(export, {p.name: p.solid for p in export.pieces}))
+    assert [check for check in found if not check.good] == []
