@@ -24,9 +24,6 @@ def verify(
         Path | None,
         typer.Option(help="Folder of verifications for designs nearby; by default ./verified."),
     ] = None,
-    deck: Annotated[
-        str | None, typer.Option(help="Write an input deck instead: abaqus, calculix or febio; --out is its file.")
-    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Compare our models of this design with finite elements of it: a table, a picture, and the models' errors.
@@ -37,12 +34,7 @@ def verify(
     - softgrip verify configs/shell_free.toml
 
     - softgrip verify configs/shell_flat.toml --pressure-kPa 10 --fine
-
-    - softgrip verify configs/shell_free.toml --deck calculix --out shell_free.inp
     """
-    from ..commands.verify import run_deck, run_verify
+    from ..commands.verify import run_verify
 
-    if deck is not None:
-        run_deck(config, pressure_kpa, scene, deck, out)
-        return
     run_verify(config, pressure_kpa, scene, fine, out, keep, as_json, console_for(as_json))

@@ -126,7 +126,7 @@ def run_deck(config: Path, pressure_kpa: float | None, scene: str | None, format
     """Write the input deck of the same finite elements for another program; returns the file."""
     require_elements()
     if format not in ENDINGS:
-        raise ConfigError(f"--deck is {format!r}; it must be one of {', '.join(ENDINGS)}.")
+        raise ConfigError(f"--fe is {format!r}; it must be one of {', '.join(ENDINGS)}.")
     path = out or Path(f"{config.stem}{ENDINGS[format]}")
     if path.exists():
         raise ConfigError(f"{path} exists already; give --out a new name.")
