@@ -280,7 +280,7 @@ def check(chambers: list[Chamber], sides: list[Number], top_wall: Number, B: Num
             )
         if c + w >= 2 * one.a or c / 2 + w > one.b + side:
             raise InputError(
-                f"channel_wall_mm is {w:.4g} mm: the tunnel of the air channel would be higher than the air (2 a_mm) or "
+                f"channel_wall_mm is {w:.4g} mm: the air channel's tunnel would be higher than the air (2 a_mm) or "
                 f"wider than the chambers{where}; lower it, or channel_mm."
             )
     check_core("The ridge of the air channel, channel_mm,", c, c, table, "raise channel_mm")
