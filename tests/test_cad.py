@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 import softgrip_jax as sg
@@ -246,6 +246,7 @@ def test_random_designs_are_right_or_refused(is_shell, a, b, t_m, h_x, h_L, L, c
         export = cad.export_of(scene, table)
     except InputError as error:
         refused = str(error)
+    event("refused" if refused else "built")
     if refused:
         assert re.fullmatch(r"[A-Z0-9a-z].*\.", refused)
         assert ". " not in refused
