@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 import softgrip_jax as sg
@@ -132,6 +132,7 @@ def test_segments_hold_whole_chambers():
         ({"h_x": 0.2}, {}, "The fin of the mould of segment 1, 2 h_x_mm, is 0.4 mm thick"),
         ({}, {"channel_mm": 0}, "channel_mm is 0 mm: the chambers of segment 1 would have no way for air"),
         ({"b": 0.9}, {}, "would have no way for air"),
+        ({"a": 1.5, "b": 4 / 3, "h_x": 1.0, "h_L": 3.2, "t_m": 1.0}, {}, "would be higher than the air (2 a_mm)"),
         ({"L": 5.0}, {}, "Segment 1 is 5 mm long, shorter than its chamber with its gap (6 mm)"),
         ({"L": 250.0}, {}, "larger than the printer's bed of 220 x 220 x 250 mm"),
         ({"b": 10.5}, {}, "it must be at least 0.5 mm: liquid silicone does not fill a thinner wall"),
@@ -245,6 +246,7 @@ def test_random_designs_are_right_or_refused(is_shell, a, b, t_m, h_x, h_L, L, c
         export = cad.export_of(scene, table)
     except InputError as error:
         refused = str(error)
+    event("refused" if refused else "built")
     if refused:
         assert re.fullmatch(r"[A-Z0-9a-z].*\.", refused)
         assert ". " not in refused

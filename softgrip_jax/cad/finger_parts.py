@@ -240,7 +240,7 @@ def probes_of(
         Probe("finger", "foot above the air channel", (table.foot_mm * -0.5, 0.0, H + c + w), up, 2 * w),
     ]
     for number, (one, side) in enumerate(zip(chambers, sides, strict=True), start=1):
-        middle, height, y = (one.start + one.end) / 2, H + 1.5 * one.a, 0.3 * one.b
+        middle, height, y = (one.start + one.end) / 2, H + one.a + (c + w) / 2, 0.3 * one.b
         words = f"chamber {number}, "
         probes += [
             Probe("finger", f"{words}wall towards the clamp", (one.start + one.t / 2, y, height), along, one.t),
@@ -278,10 +278,10 @@ def check(chambers: list[Chamber], sides: list[Number], top_wall: Number, B: Num
                 f"channel_mm is {c:.4g} mm: the chambers{where} would have no way for air; it must be positive and "
                 f"less than {2 * min(one.a, one.b):.4g} mm, their height and width."
             )
-        if c + w > height or c / 2 + w > one.b + side:
+        if c + w >= 2 * one.a or c / 2 + w > one.b + side:
             raise InputError(
-                f"channel_wall_mm is {w:.4g} mm: the tunnel of the air channel would be higher or wider than the "
-                f"chambers{where}; lower it, or channel_mm."
+                f"channel_wall_mm is {w:.4g} mm: the air channel's tunnel would be higher than the air (2 a_mm) or "
+                f"wider than the chambers{where}; lower it, or channel_mm."
             )
     check_core("The ridge of the air channel, channel_mm,", c, c, table, "raise channel_mm")
     bore = math.sqrt(2) * c - 2 * table.least_wall_mm

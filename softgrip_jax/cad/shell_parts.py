@@ -57,7 +57,7 @@ def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number 
         Probe("membrane", "membrane, near its clamp", (0.9 * a, 0.9 * b, t / 2), up, t),
         Probe("membrane", "rim with bead", (outer[0] - bead / 2, 0.1, t / 2), up, t + bead),
         Probe("membrane", "bead, across", (outer[0] - bead / 2, 0.1, -bead / 2), x_axis, bead),
-        Probe("frame", "floor of the frame", (a / 2, b / 2, floor + table.floor_mm / 2), up, table.floor_mm),
+        Probe("frame", "floor of the frame", (0.9 * a, 0.9 * b, floor + table.floor_mm / 2), up, table.floor_mm),
         Probe(
             "frame",
             "frame between cavity and groove",
@@ -65,7 +65,7 @@ def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number 
             x_axis,
             rim - bead - gap,
         ),
-        Probe("ring", "ring", (body[0] - table.frame_mm / 2, b / 2, t + table.ring_mm / 2), up, table.ring_mm),
+        Probe("ring", "ring", (0.1, body[1] - table.frame_mm / 2, t + table.ring_mm / 2), up, table.ring_mm),
     ]
     facts = {
         "opening, 2a x 2b": f"{2 * a:.6g} x {2 * b:.6g} mm",
