@@ -30,9 +30,9 @@ HERE = Path(__file__).parent
 SOURCES = ("finite elements", "fine", "coarse")
 WEIGHTS = (1.0, 1.0, 0.2)
 """Of a state of each source; finite elements count for less where a grid of them is one geometry's."""
-CROWD = 60
+CROWD = 15
 """States of one geometry by finite elements beyond which each counts for less: those of a grid are of one mind."""
-THESIS = 3.0
+THESIS = 1.5
 """How much more the straight and the free states of types A and E count, the fingers that the thesis built."""
 SPREAD = np.array([0.02, 0.05, 0.6 / B, 0.5 / B, 0.15 / B, 0.1 / B, 0.25 / B, 0.6 / B])
 """Of p / mu, phi and the six lengths over B: what a derivative is multiplied with."""
