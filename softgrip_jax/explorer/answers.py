@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+from collections import defaultdict
 from typing import Any
 
 import jax
@@ -61,15 +62,17 @@ class Programs:
 
     def __init__(self) -> None:
         self._kept: dict[Any, Any] = {}
-        self._lock = threading.Lock()
+        self._locks: defaultdict[Any, threading.Lock] = defaultdict(threading.Lock)
 
     def __call__(self, function: Any, *args: Any) -> Any:
         leaves, structure = jax.tree.flatten(args)
         words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
         key = (function, structure, words, tuple(np.shape(leaf) for leaf in leaves))
-        if key not in self._kept:  # what is compiled already never waits for what is being compiled
-            with self._lock:
-                self._kept[key] = program(function, *args, options=QUICKLY)
+        if key not in self._kept:
+            # One lock a program: a state never waits for the curve, which compiles for seconds.
+            with self._locks[key]:
+                if key not in self._kept:
+                    self._kept[key] = program(function, *args, options=QUICKLY)
         return self._kept[key](*args)
 
 

@@ -148,7 +148,7 @@ def numbers_of(module: Any, before: str = "", names: tuple[str, ...] = ()) -> li
         rule, kind = (meta["rule"], meta["kind"]) if "rule" in meta else ("positive", "number")
         entries = [None] if np.ndim(value) == 0 else list(range(np.size(value)))
         for entry in entries:
-            now = float(np.ravel(value)[entry or 0])
+            now = float(np.ravel(np.asarray(value))[entry or 0])
             mark = "" if entry is None else f"[{entry}]"
             low, high = value_range(now, rule, kind)
             name = (*names, key.name)

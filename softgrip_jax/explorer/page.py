@@ -81,13 +81,19 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
     return f'<table class="sg">{top}{"".join(body)}</table>'
 
 
+class Slider(pn.widgets.FloatSlider):
+    """A slider that tells at once: Panel's own waits 50 ms for more."""
+
+    _debounce = 0
+
+
 class Control:
     """The row of one number: what it means, a slider, a box to type in."""
 
     def __init__(self, number: Number, value: float, moved: Callable, typed: Callable):
         self.key = number.key
         self.wrong = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width", visible=False)
-        self.slider = pn.widgets.FloatSlider(
+        self.slider = Slider(
             name=number.key,
             start=0,
             end=STEPS,
@@ -100,7 +106,6 @@ class Control:
         )
         doc = f"{number.doc}; " if number.doc else ""
         ends = f"{number.shown(number.low)} to {number.shown(number.high)} {number.label}"
-        self.slider.description = None
         self.box = pn.widgets.TextInput(
             value=number.shown(value), width=86, margin=(2, 4), placeholder=number.label, name=number.label or "value"
         )
@@ -182,7 +187,7 @@ class Page:
         self.models = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
         self.tabs = self._tabs()
-        self._is_shown = False
+        self._ladder: list[Any] = []
         self._fill_controls()
         self.say("compiling the first picture ...")
         # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
@@ -206,8 +211,12 @@ class Page:
             styles={"flex": "1 1 300px"},
             min_width=280,
         )
+        self.picture_tabs: Any = pn.Tabs(
+            ("side", self.pictures), ("space", self.space), sizing_mode="stretch_width", dynamic=False
+        )
+        self.picture_tabs.param.watch(self._turned, "active")
         middle = pn.Column(
-            pn.Tabs(("side", self.pictures), ("space", self.space), sizing_mode="stretch_width", dynamic=False),
+            self.picture_tabs,
             self.rows,
             sizing_mode="stretch_width",
             styles={"flex": "2 1 420px"},
@@ -224,8 +233,6 @@ class Page:
             styles={"flex": "1 1 320px"},
             min_width=280,
         )
-        middle[0].param.watch(self._turned, "active")
-        self.picture_tabs = middle[0]
         title = pn.pane.HTML(f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>")
         self.title = title
         body = pn.FlexBox(left, middle, right, sizing_mode="stretch_width", align_items="flex-start")

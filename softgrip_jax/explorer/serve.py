@@ -44,12 +44,12 @@ class Token(AuthProvider):
 
         return user
 
-    get_user_async = None
-    login_url = "/"
-    get_login_url = None
-    login_handler = None
-    logout_url = None
-    logout_handler = None
+    get_user_async: Any = None
+    login_url: Any = "/"
+    get_login_url: Any = None
+    login_handler: Any = None
+    logout_url: Any = None
+    logout_handler: Any = None
 
 
 def free_port(host: str, port: int) -> int:
