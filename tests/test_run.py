@@ -102,7 +102,8 @@ def test_people_read_units_margins_and_the_improvement(finished):
         str(out),
     ):
         assert words in printed
-    assert "step 10 of 30" in printed
+    assert "compiling, then 30 steps of" in printed
+    assert "of 30 steps of" in printed.partition("compiling")[2].partition("\n")[2]
 
 
 def test_every_file_is_named_and_what_comes_next_can_be_typed(finished, capsys):

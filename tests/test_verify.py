@@ -342,11 +342,11 @@ def test_ctrl_c_keeps_what_is_there(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(verify, "SHARES", (1.0,))
     monkeypatch.setattr("softgrip_jax.verify.rows.shell_models", lambda scene: {"arc": scene})
 
-    def interrupted(self, share, left):
+    def interrupted(share, left):
         if share > 0.5:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(verify.Signs, "watch", interrupted)
+    monkeypatch.setattr(verify, "watched", lambda tell: interrupted)
     assert cli.run(["verify", "free.toml", "--out", "seen"]) == cli.STOPPED
     assert "stopped." in capsys.readouterr().err
     found = json.loads((tmp_path / "seen" / "result.json").read_text(encoding="utf-8"))

@@ -18,14 +18,13 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
-from softgrip_jax.progress import stages
+from softgrip_jax.progress import counted, stages
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.report.run import write_report
 from softgrip_jax.results import Status, in_units
@@ -43,9 +42,6 @@ from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
 from .islands import evaluator_on
-
-LINE_EVERY = 10
-"""Steps between two lines of progress where there is no terminal."""
 
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
@@ -273,21 +269,11 @@ def _search_with_progress(wanted: settings.Settings, console: Console, evaluator
         has_answer[0] = False
         console.print(sentence, soft_wrap=True)
 
-    if not console.is_terminal:
-        # In a file or a pipe a bar would be noise: a line now and then.
-        console.print(f"compiling, then {starts} starts")
-
-        def tell(step: int, best: float, feasible: int, moving: int) -> None:
-            if step == 1 or step % LINE_EVERY == 0 or not moving:
-                console.print(f"step {step} of {steps}: {words(best, feasible, moving)}", soft_wrap=True)
-
-        return search(wanted.problem, report=tell, remark=remark, evaluator=evaluator, **wanted.arguments)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
-        task = progress.add_task("compiling", total=steps)
+    with counted(console, f"steps of {starts} designs", steps) as count:
+        count(0)
 
         def show(step: int, best: float, feasible: int, moving: int) -> None:
-            progress.update(task, completed=step if moving else steps, description=words(best, feasible, moving))
+            count(step if moving else steps, words(best, feasible, moving))
 
         return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments)
 

@@ -18,10 +18,8 @@ from __future__ import annotations
 import csv
 import dataclasses
 import shutil
-import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
@@ -31,14 +29,13 @@ import numpy as np
 import pydantic
 import xarray as xr
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from .. import config as configs
 from ..config.keys import Table, Varied, quantity, states_of, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
 from ..parameters import Parameter
-from ..progress import LINE_SECONDS
+from ..progress import counted
 from ..quantities import State, solution_at
 from ..reasons import Reason
 from ..report.run import write_report
@@ -256,8 +253,15 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     for wanted in (folder, None if "://" in address_of(place) else Path(address_of(place))):
         if wanted is not None:
             check_folder(wanted)
-    with _progress(study.designs.count, console) as report, _spread_over(where) as spread:
-        run_in(place, study, identity, report, lambda sentence: console.print(sentence, soft_wrap=True), spread)
+    with counted(console, "designs", study.designs.count) as count, _spread_over(where) as spread:
+        run_in(
+            place,
+            study,
+            identity,
+            lambda done, skipped: count(done),
+            lambda sentence: console.print(sentence, soft_wrap=True),
+            spread,
+        )
     with opened(place) as data:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
@@ -292,35 +296,6 @@ def tell(data: xr.Dataset, console: Console) -> dict[str, Any]:
         label = data[name].attrs["long_name"].removeprefix("status at ")
         console.print(f"{label}: " + ", ".join(f"{n} {status}" for status, n in counts.items()), soft_wrap=True)
     return tell_quantities(data, {"least": 0.0, "median": 0.5, "most": 1.0}, console)
-
-
-@contextmanager
-def _progress(total: int, console: Console) -> Iterator[Callable[[int, int], None]]:
-    """What `run_in` reports to: a bar with the time left, or a line now and then where there is no terminal."""
-    if not console.is_terminal:
-        # The first chunk compiles: the speed is that of what follows it.
-        first, last = [0.0, 0.0], [0.0]
-
-        def tell(done: int, skipped: int) -> None:
-            now = time.monotonic()
-            if done == skipped:
-                words = f"going on with {done} of {total} designs" if done else f"compiling, then {total} designs"
-                console.print("all designs are there" if done == total else words)
-            elif done == total or now - last[0] >= LINE_SECONDS:
-                known = first[0] and done > first[1]
-                left = (now - first[0]) * (total - done) / (done - first[1]) if known else 0.0
-                console.print(f"{done} of {total} designs" + (f", {left:.0f} s left" if known and left else ""))
-                last[0] = now
-            if done > skipped and not first[0]:
-                first[:] = now, done
-
-        yield tell
-        return
-    columns = (BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left:"), TimeRemainingColumn())
-    # The speed of the last minutes: a chunk of slow designs may take a while.
-    with Progress(TextColumn("designs"), *columns, console=console, speed_estimate_period=300) as progress:
-        task = progress.add_task("", total=total)
-        yield lambda done, skipped: progress.update(task, completed=done)
 
 
 def why_nothing(study: Study, data: xr.Dataset) -> list[str]:

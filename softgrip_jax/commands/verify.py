@@ -21,7 +21,7 @@ from rich.console import Console
 
 from ..errors import ConfigError, InputError, located
 from ..folders import contents, new_folder, write_whole
-from ..progress import LINE_SECONDS
+from ..progress import Tell, stages
 from ..tables import Table
 from .files import check_file, one_scene, tell_file
 
@@ -65,14 +65,14 @@ def run_verify(
         case = case_of(read.scene, pressure)
     found: list[list[Any]] = []
     with new_folder(out, f"{config.stem}_verified") as (folder, final):
-        with Signs(Console(stderr=True)) as signs:
+        with stages(Console(stderr=True)) as tell:
             try:
-                signs.tell("our models")
+                tell("our models")
                 models = [part.models() for part in case.parts]
                 meshes = elements.FINE_PARTS if fine else elements.PARTS
                 for part in case.parts:
                     found.append([])
-                    for now in elements.compare(part.build, part.targets, meshes, signs.watch):
+                    for now in elements.compare(part.build, part.targets, meshes, watched(tell)):
                         found[-1] = now
             except KeyboardInterrupt:
                 if not any(one.values for part in found for one in part):
@@ -162,34 +162,9 @@ def asked_pressure(read: Any, config: Path, pressure_kpa: float | None) -> float
     return float(solution.pressure)
 
 
-class Signs:
-    """How far the finite elements are, with the time that is left."""
-
-    def __init__(self, console: Console):
-        self.console, self.last, self.status = console, -LINE_SECONDS, None
-
-    def __enter__(self) -> Signs:
-        if self.console.is_terminal:
-            self.status = self.console.status("")
-            self.status.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self.status is not None:
-            self.status.stop()
-
-    def tell(self, words: str) -> None:
-        """Say it: at once where there is a terminal, else now and then."""
-        now = time.monotonic()
-        if self.status is not None:
-            self.status.update(words)
-        elif now - self.last >= LINE_SECONDS:
-            self.last = now
-            self.console.print(words, soft_wrap=True, highlight=False)
-
-    def watch(self, share: float, left: float) -> None:
-        """A share that is done, and the seconds that are left."""
-        self.tell(f"finite elements: {100 * share:.0f} %, about {max(left, 1):.0f} s left")
+def watched(tell: Tell) -> Callable[[float, float], None]:
+    """What tells the share that is done and the seconds that are left."""
+    return lambda share, left: tell("finite elements", note=f"{100 * share:.0f} %, about {max(left, 1):.0f} s left")
 
 
 @dataclasses.dataclass
