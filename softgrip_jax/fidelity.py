@@ -28,6 +28,7 @@ from jax.core import Tracer
 from . import pneunet, shell
 from .errors import InputError
 from .fields import require
+from .model_error import model_error
 from .names import listing
 from .pneunet.finger_scene import PART_POINTS, FingerScene
 from .questions import pressure_for, solve
@@ -54,9 +55,12 @@ PATH_COST, POINT_COST = 1.2, 0.016
 WEIGHT_COST = 5.0
 """Loads are a path of their own, before the pressure."""
 SECTION_COST = {"exact": 1.0, "thesis": 1.7, "inextensible": 0.9}
+DRIVE_COST = {"cell": 3.0}
+"""Of a drive, beside the thesis's."""
 SHELL_COST = 2.0
 ENERGY_COST = 18.0
 """Per product of polynomials."""
+CELL_LEFT_OUT = "rims and walls that press on each other (the thesis's drive instead)"
 
 
 class LadderModel(NamedTuple):
@@ -165,6 +169,11 @@ class Choice:
         near = {name: one.as_data() for name, one in self.verified.items()}
         return chosen | described(taken, self.error) | {"tried": trials, "verified": near}
 
+    def _unverified(self) -> str:
+        """What is known of the model itself where no design nearby was verified."""
+        known = model_error(self.scene, self.observable)
+        return f"model error of {self.observable.replace('_', ' ')}: {known}" if known else UNVERIFIED
+
     def __str__(self) -> str:
         name = self.observable.replace("_", " ")
         if not np.isfinite(self.error):
@@ -173,7 +182,7 @@ class Choice:
         lines = [
             f"left out for {_percent(self.tolerance)} of {name}: {_listed(self.left_out)} ({self.numerics})",
             f"estimated error in {name}: {_percent(self.error)}" + ("" if self.met else ", the least of all models"),
-            *([f"{quantity}: {near}" for quantity, near in self.verified.items()] or [UNVERIFIED]),
+            *([f"{quantity}: {near}" for quantity, near in self.verified.items()] or [self._unverified()]),
             "",
             f"  {'error':>9} {'time':>7}  left out",
         ]
@@ -471,8 +480,11 @@ def _finger(scene: Any) -> Iterator[LadderModel]:
     ):
         if getattr(scene, field) != plain:
             simpler += [(dataclasses.replace(one, **{field: plain}), (*out, words)) for one, out in simpler]
+    if scene.drive == "cell":
+        yield from _resolved(dataclasses.replace(scene, drive="thesis"), (CELL_LEFT_OUT,), 1.0)
+    dear = DRIVE_COST.get(scene.drive, 1.0)
     for one, left_out in reversed(simpler):
-        yield from _resolved(one, left_out, WEIGHT_COST if one.weight is scene.weight is not None else 1.0)
+        yield from _resolved(one, left_out, dear * (WEIGHT_COST if one.weight is scene.weight is not None else 1.0))
 
 
 def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[LadderModel]:

@@ -22,7 +22,7 @@ PLANE = {
 LIMIT = {"arc": "3.2 % more than finite elements", "energy": "1.3 % less than finite elements"}
 DRIVE = "a quarter of what finite elements of chambers, rims and cover together give; drive = 'cell' is near them"
 TIP = "a fifth of what finite elements of chambers, rims and cover together give; drive = 'cell' is nearer"
-CELL = "nearly what finite elements of the same cells give, inside the range that the law was fitted to"
+CELL = "within 5 % of finite elements of the same cells, 10 to 31 kPa, inside the range that the law was fitted to"
 
 
 def model_error(scene: Any, observable: str) -> str:
