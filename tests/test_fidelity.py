@@ -199,7 +199,7 @@ def test_ladders_of_every_kind_are_ordered_and_complete():
     assert len({r.left_out for r in free}) == 9  # 2^3 and the linear finger
     assert len(free[-1].scene.chambers()[1].places) == 6  # in each of 13 parts; with 4 in each the error is estimated
     cell = fidelity.model_ladder(sg.pneunet.TipContact(finger, drive="cell"), ["tip_force"])
-    assert {r.left_out for r in cell if r.scene.drive == "thesis"} >= {(fidelity.CELL_LEFT_OUT,)}
+    assert {r.left_out for r in cell if getattr(r.scene, "drive", "") == "thesis"} >= {(fidelity.CELL_LEFT_OUT,)}
     assert cell[-1].scene.drive == "cell"
     energy = fidelity.model_ladder(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
     assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
