@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.errors import CellRangeWarning, InputError
@@ -124,6 +125,18 @@ def test_geometries_that_no_fit_has_seen_are_those_of_finite_elements(sizes):
         of_moment, of_force = (0.06, 0.12) if p == 5 else (0.035, 0.04)
         assert seen["moment"] / 1e-3 == pytest.approx(moment, abs=of_moment * unit)
         assert seen["contact_force"] == pytest.approx(force, abs=of_force * push)
+
+
+def test_a_free_finger_ends_where_its_cells_carry_nothing_more():
+    """All its cells end at one pressure: where the largest moment over the curvature is zero."""
+    made = dataclasses.replace(finger("A"), a=7 * mm, b=8 * mm, h_x=0.73 * mm, t_m=0.9 * mm, H=6.1 * mm, L=60 * mm)
+    curvatures = jnp.linspace(100.0, 250.0, 301)
+    moments = jax.jit(jax.vmap(lambda k, p: cell_at(made, k, p)["moment"], in_axes=(0, None)))
+    ends = brentq(lambda p: float(jnp.max(moments(curvatures, p))), 25 * kPa, 31 * kPa)
+    free = sg.pneunet.Free(made, weight=None, drive="cell")
+    assert float(sg.limit_pressure(free)) == pytest.approx(ends, rel=1e-5)
+    assert solved(free, 31 * kPa).status == sg.Status.BEYOND_LIMIT
+    assert solved(free, 0.999 * ends).status == sg.Status.OK
 
 
 def test_moment_and_stretch_come_from_one_potential():

@@ -420,6 +420,10 @@ class FingerScene(PathEquations, Scene):
         """True where all parts of a uniform finger are the same arc: they end at the same pressure, too."""
         return False
 
+    def bends_evenly(self) -> bool:
+        """True where every part has one curvature, which is then all that is looked for."""
+        return False
+
     def clamp(self) -> Scalar:
         """theta(0), rad."""
         return jnp.zeros_like(self.finger.L)
@@ -442,7 +446,10 @@ class FingerScene(PathEquations, Scene):
         one = self.inclination == "none" or self.is_one_arc() or self.is_cell()
         count = finger.segments or (1 if one else INCLINATION_PARTS)
         wanted = self.method().points
-        points = gauss_points(wanted if count == 1 else max(PART_POINTS, 1 - (-wanted // count)))
+        if self.bends_evenly():
+            points = gauss_points(1)
+        else:
+            points = gauss_points(wanted if count == 1 else max(PART_POINTS, 1 - (-wanted // count)))
         fields = {name: jnp.broadcast_to(getattr(finger, name), (count,)) for name in SEGMENT_FIELDS}
         pitch = 2 * fields["h_x"] + fields["h_L"]
         lengths = pitch / jnp.sum(pitch) if count > 1 else np.ones(1)

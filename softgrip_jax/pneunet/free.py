@@ -15,6 +15,7 @@ from ..reasons import Reason
 from . import arcs
 from .beam.collocation import Loads
 from .beam.method import POINTS, BeamMethod, beam_method
+from .beam.shooting import Shooting
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, FingerScene, Scalar, opening, to_weight
 from .section.base import SectionLaw
@@ -90,6 +91,11 @@ class Free(FingerScene):
     def is_one_arc(self):
         return self.is_arcs() and self.combination == "sum"
 
+    def bends_evenly(self):
+        # More points would all end at the same pressure: no path goes through so many limits at once.
+        unloaded = self.weight is None and self.tip_load is None
+        return self.is_cell() and unloaded and not isinstance(self.method(), Shooting)
+
     def clamp(self):
         return self.clamp_angle
 
@@ -103,7 +109,7 @@ class Free(FingerScene):
         return Loads(tip[0], tip[1], *self.weights(load_factor))
 
     def is_resolved(self, unknowns):
-        return jnp.asarray(True) if self.is_arcs() else super().is_resolved(unknowns)
+        return jnp.asarray(True) if self.is_arcs() or self.bends_evenly() else super().is_resolved(unknowns)
 
     def is_unloaded(self):
         if self.is_arcs():
