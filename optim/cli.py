@@ -1,4 +1,4 @@
-"""The commands design and calibrate. pyproject.toml names them as entry points, by which `softgrip` finds them."""
+"""The commands design, calibrate and evidence. pyproject.toml names them as entry points: so `softgrip` finds them."""
 
 from __future__ import annotations
 
@@ -71,3 +71,20 @@ def calibrate(
 
     with spread_over(workers, scheduler, insecure) as spread:
         tell_folder(as_json, run_calibrate(config, out, console_for(as_json), spread, posterior))
+
+
+def evidence(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of calibrations with a posterior, or their files.")],
+    as_json: AsJson = False,
+) -> None:
+    """Compare models that were calibrated to the same data: which predicts each point best from the others.
+
+    Every run needs a posterior: softgrip calibrate CONFIG --posterior.
+
+    - softgrip evidence runs/neo_hookean-001 runs/gent-001
+    """
+    from .posterior.compare import run_evidence
+
+    found = run_evidence(runs, as_json, console_for(as_json))
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))

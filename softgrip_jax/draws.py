@@ -54,7 +54,8 @@ def read_draws(scenes: Scenes, path: Path, where: str) -> list[Drawn]:
         raise ConfigError(f"{where}: {str(path)!r} says of itself: {about.get(VERDICT, 'do not use')}")
     found = []
     for key, (column, own) in columns.items():
-        keys = [one for one in str(own.get(TIED, key)).split() if _is_key(scenes, one, where)]
+        tied = str(own[TIED]).split() if TIED in own else [key]
+        keys = [one for one in tied if _is_key(scenes, one, where)]
         if not keys:
             continue
         number = varied(scenes, keys, where)

@@ -19,7 +19,7 @@ Several specimens are parts of one population, each with its own actuator (Gelma
     log x_s = log x + tau z_s,   z_s ~ N(0, 1)
 
 with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have half
-normal priors; all three are sampled as logarithms.
+normal priors.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from jaxtyping import Array, Bool, Float
 
 from softgrip_jax.errors import InputError
 
+from ..calibration.cross_validation import by_specimen
 from ..calibration.data import Curve
 from ..calibration.fit import Fit
 from ..calibration.model import LEAST_NOISE, _answers
@@ -49,6 +50,9 @@ LENGTH = 0.5
 LEAST_SIZE = 0.1
 """The size of a model's error does not fall below that at this part of the curve: it may begin at the wrong
 pressure."""
+
+LEAST_PRECISION = 1e-2
+"""Of the logit of a parameter, where its prior alone has less."""
 
 PARTS = ("shell", "finger", "gripper", "material")
 """Numbers below a part of these names are those of a specimen; the others are those of the test."""
@@ -85,6 +89,21 @@ class Asked:
 
 
 @dataclasses.dataclass(frozen=True)
+class Linear:
+    """The models, and the prior of the parameters, linear around the fit."""
+
+    centre: np.ndarray
+    """Logits of the parameters, then logarithms of the specimens over `between`."""
+    values: np.ndarray
+    jacobian: np.ndarray
+    slope: np.ndarray
+    precision: np.ndarray
+    """Derivatives of the logarithm of the prior by the logits: first, and minus the second."""
+    log: np.ndarray
+    """Of the logarithms of the parameters that vary, by their logits."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Errors:
     """One curve's errors: the points that count, and the eigendecomposition of S K S of those."""
 
@@ -97,8 +116,9 @@ class Errors:
 class Density:
     """The posterior density of a fit's parameters.
 
-    A point is v, one real number for each unknown: the parameters (logit of their place between the bounds), the
-    specimens, then the logarithms of tau, sigma and delta as parts of their priors' scales.
+    A point is v, one real number for each unknown: parameters and specimens, counted from what linear models say of
+    them given tau, sigma and delta; the logarithms of tau and sigma as parts of their priors' scales; and delta as a
+    part of that of its own. That may be negative, since its square alone counts: the density is smooth through zero.
 
     Args:
         fit: the least-squares fit: it says which points have an equilibrium, and where the sampling begins.
@@ -132,62 +152,114 @@ class Density:
         self.noise_scales = np.where(self.sampled_noise, NOISE * fitting.sizes, np.asarray(fit.member.sigma))
         self.floor = LEAST_NOISE * fitting.sizes
         count, v = len(self.specimens), int(self.varying.sum())
-        self.centred = self._centred()
-        cuts = np.cumsum([0, self.n, count * v, v, self.sampled_noise.sum(), self.sampled_delta.sum()])
+        cuts = np.cumsum([0, self.n + count * v, v, self.sampled_noise.sum(), self.sampled_delta.sum()])
         self._cuts = [slice(int(a), int(b)) for a, b in itertools.pairwise(cuts)]
         self.size = int(cuts[-1])
+        self._linear = self._linearised()
 
-    def _centred(self) -> np.ndarray:
-        """Whether the specimens are sampled themselves (their data say more of them than the population does), or
-        their z: the other way, either is slow."""
-        return self._relative < self.between
+    def _linearised(self) -> Linear:
+        """The models around the fit: of each specimen, around its fit alone."""
+        fit, fitting, space = self.fit, self.fitting, self.fitting.space
+        own = np.flatnonzero(self.varying)
+        alone = by_specimen(fit) if self.specimens else None
+        rows, values, slopes = [], np.zeros(len(self.y)), np.zeros((len(self.y), self.n))
+        for s, name in enumerate(self.specimens or ("",)):
+            x, predicted = fit.x, fit.predicted
+            if alone is not None and name in alone.names:
+                x = np.where(self.varying, alone.x[alone.names.index(name)], fit.x)
+                predicted = fitting.predict_at(x)
+            at = self.part_of == s
+            values[at] = np.asarray(predicted.response.values)[at]
+            slopes[at] = np.asarray(predicted.slopes)[at]
+            rows.append(np.log(np.abs(x[own])) / self.between if self.between > 0 else np.zeros(len(own)))
+        t = space.inside(space.to_unit(fit.x))
+        middle = np.log(t / (1 - t))
+        by_t = np.asarray(jax.jacfwd(lambda t: space.from_unit(jax.nn.sigmoid(t)))(jnp.asarray(middle)))
+        jacobian = np.zeros((len(self.y), self.n + len(own) * len(self.specimens)))
+        if not self.specimens:
+            jacobian[:, : self.n] = slopes @ by_t
+            rows = []
+        else:
+            jacobian[:, : self.n] = (slopes * ~self.varying) @ by_t
+            for i, part in enumerate(self.part_of):
+                place = self.n + part * len(own)
+                size = np.exp(self.between * rows[part]) * self.between
+                jacobian[i, place : place + len(own)] = slopes[i, own] * size
+        slope = np.asarray(jax.grad(self._log_prior_of_t)(jnp.asarray(middle)))
+        bend = np.asarray(jax.hessian(self._log_prior_of_t)(jnp.asarray(middle)))
+        precision = np.maximum(-np.diag(bend), LEAST_PRECISION)
+        centre = np.concatenate([middle, *rows])
+        log = np.diag(by_t)[own] / fit.x[own]
+        return Linear(centre, values, jacobian, slope, precision, log)
 
-    @property
-    def _relative(self) -> np.ndarray:
-        """Standard deviations of the numbers that vary, by the fit, as parts of them."""
-        fit, own = self.fit, self.varying
-        return np.minimum(fit.deviation, 1e3)[own] * np.asarray(fit.scales)[own] / np.abs(fit.x[own])
+    def _affine(self, h: tuple[Array, Array, Array], y: Float[Array, " N"]) -> tuple[Array, Array]:
+        """(mean, root of the inverse covariance) of parameters and specimens, given tau, sigma, delta and y, by models
+        that are linear: what is sampled is counted from there in units of that. It is exact for any model, and for
+        nearly linear ones there is no funnel, in which a sampler that has found one size of steps is stuck."""
+        linear, (tau, sigma, delta) = self._linear, h
+        size = len(linear.centre)
+        inverse = jnp.zeros((size, size)).at[np.arange(self.n), np.arange(self.n)].add(jnp.asarray(linear.precision))
+        pull = jnp.zeros(size).at[: self.n].add(jnp.asarray(linear.slope))
+        for k, one in enumerate(self.errors):
+            if len(one.points):
+                rotated = jnp.asarray(one.q.T @ linear.jacobian[one.points])
+                weighted = rotated.T / self.variance(k, sigma, delta)[None, :]
+                inverse += weighted @ rotated
+                pull += weighted @ (jnp.asarray(one.q).T @ (y - jnp.asarray(linear.values))[one.points])
+        count = int(self.varying.sum())
+        own = np.flatnonzero(self.varying)
+        for s in range(len(self.specimens)):
+            place = self.n + s * count + np.arange(count)
+            to = np.zeros((count, size))
+            to[np.arange(count), place], to[np.arange(count), own] = self.between, -linear.log
+            off = self.between * linear.centre[place] - np.log(np.abs(self.fit.x[own]))
+            scaled = jnp.asarray(to) / (tau**2)[:, None]
+            inverse += scaled.T @ jnp.asarray(to)
+            pull -= scaled.T @ jnp.asarray(off)
+        root = jnp.linalg.cholesky(inverse)
+        return jnp.asarray(linear.centre) + jax.scipy.linalg.cho_solve((root, True), pull), root
 
-    def unknowns(self, v: Float[Array, " V"]) -> Unknowns:
-        """A point in SI."""
-        t, parts, tau, noise, delta = (v[cut] for cut in self._cuts)
-        x = self.fitting.space.from_unit(jax.nn.sigmoid(t))
-        scatter = self.between * jnp.exp(tau)
-        rows = jnp.broadcast_to(x, (max(len(self.specimens), 1), self.n))
-        if self.specimens:
-            z = jnp.reshape(parts, (len(self.specimens), -1))
-            own = jnp.where(self.centred, jnp.asarray(self._own) + z * self.between, 0.0)
-            change = jnp.where(self.centred, own - jnp.log(x[self.varying])[None, :], scatter[None, :] * z)
-            rows = rows.at[:, np.flatnonzero(self.varying)].set(x[self.varying][None, :] * jnp.exp(change))
+    def _split(self, v: Float[Array, " V"], y: Array | None) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+        """(t, logarithms of the specimens over `between`, (tau, sigma, delta)) of a point."""
+        e, tau, noise, delta = (v[cut] for cut in self._cuts)
         noises = self.noise_scales[self.sampled_noise] * jnp.exp(noise)
         sigma = jnp.asarray(self.noise_scales).at[np.flatnonzero(self.sampled_noise)].set(noises)
-        errors = (
-            jnp.zeros(len(self.errors)).at[np.flatnonzero(self.sampled_delta)].set(self.discrepancy * jnp.exp(delta))
-        )
-        return Unknowns(x, rows, scatter, sigma, errors)
+        sizes = self.discrepancy * jnp.abs(delta)
+        errors = jnp.zeros(len(self.errors)).at[np.flatnonzero(self.sampled_delta)].set(sizes)
+        h = (self.between * jnp.exp(tau), sigma, errors)
+        mean, root = self._affine(h, jnp.asarray(self.y) if y is None else y)
+        place = mean + jax.scipy.linalg.solve_triangular(root, e, lower=True, trans=1)
+        return place[: self.n], jnp.reshape(place[self.n :], (len(self.specimens), int(self.varying.sum()))), h
 
-    @property
-    def _own(self) -> np.ndarray:
-        """Where the logarithms of centred specimens are counted from."""
-        return np.log(np.abs(self.fit.x[self.varying]))[None, :]
+    def unknowns(self, v: Float[Array, " V"], y: Array | None = None) -> Unknowns:
+        """A point in SI; y: other data than those of the fit."""
+        t, own, (tau, sigma, delta) = self._split(v, y)
+        x = self.fitting.space.from_unit(jax.nn.sigmoid(t))
+        rows = jnp.broadcast_to(x, (max(len(self.specimens), 1), self.n))
+        if self.specimens:
+            rows = rows.at[:, np.flatnonzero(self.varying)].set(jnp.exp(self.between * own))
+        return Unknowns(x, rows, tau, sigma, delta)
 
-    def log_prior(self, v: Float[Array, " V"]) -> Float[Array, ""]:
-        """Logarithm of the prior density by v."""
+    def _log_prior_of_t(self, t: Float[Array, " n"]) -> Float[Array, ""]:
+        """Of the parameters, by the logits of their places between the bounds."""
         space = self.fitting.space
-        t, parts, tau, noise, delta = (v[cut] for cut in self._cuts)
         x = space.from_unit(jax.nn.sigmoid(t))
         total = jnp.sum(jax.nn.log_sigmoid(t) + jax.nn.log_sigmoid(-t))
         total += jnp.sum(jnp.where(space.is_log, jnp.log(jnp.abs(x)), 0.0))
-        total += sum(prior.log_density(x[j]) for j, prior in enumerate(self.priors))
-        for scaled in (tau, noise, delta):
+        return total + sum(prior.log_density(x[j]) for j, prior in enumerate(self.priors))
+
+    def log_prior(self, v: Float[Array, " V"], y: Array | None = None) -> Float[Array, ""]:
+        """Logarithm of the prior density by v."""
+        t, own, h = self._split(v, y)
+        _, tau, noise, delta = (v[cut] for cut in self._cuts)
+        total = self._log_prior_of_t(t) - 0.5 * jnp.sum(delta**2)
+        for scaled in (tau, noise):
             total += jnp.sum(scaled - 0.5 * jnp.exp(2 * scaled))
         if self.specimens:
-            z = jnp.reshape(parts, (len(self.specimens), -1))
-            scatter = self.between * jnp.exp(tau)[None, :]
-            own = jnp.asarray(self._own) + z * self.between - jnp.log(x[self.varying])[None, :]
-            centred = -0.5 * (own / scatter) ** 2 - tau[None, :]
-            total += jnp.sum(jnp.where(self.centred, centred, -0.5 * z**2))
-        return total
+            x = self.fitting.space.from_unit(jax.nn.sigmoid(t))[self.varying]
+            apart = (self.between * own - jnp.log(x)[None, :]) / h[0][None, :]
+            total -= jnp.sum(0.5 * apart**2 + tau[None, :])
+        return total - jnp.sum(jnp.log(jnp.diag(self._affine(h, jnp.asarray(self.y) if y is None else y)[1])))
 
     def modelled(self, parts: Float[Array, "S n"], slopes: bool = True) -> Modelled:
         """The models with the parameters of all specimens (SI), with exact first derivatives by them."""
@@ -237,10 +309,17 @@ class Density:
 
     def potential(self, v: Float[Array, " V"], y: Float[Array, " N"] | None = None) -> Float[Array, ""]:
         """Minus the logarithm of the posterior density, up to a constant."""
-        found = self.unknowns(v)
+        found = self.unknowns(v, y)
         modelled = self.modelled(found.parts)
         data = jnp.asarray(self.y) if y is None else y
-        return -(self.log_prior(v) + self.log_likelihood(modelled, found.sigma, found.delta, data))
+        return -(self.log_prior(v, y) + self.log_likelihood(modelled, found.sigma, found.delta, data))
+
+    def table(self, found: Unknowns) -> np.ndarray:
+        """The unknowns as one vector, in SI, in the order of `names`."""
+        parts = np.asarray(found.parts)[..., self.varying] if self.specimens else np.zeros((*found.tau.shape[:-1], 0))
+        columns = [found.x, parts.reshape(*parts.shape[: np.ndim(found.x) - 1], -1), found.tau]
+        columns += [np.asarray(found.sigma)[..., self.sampled_noise], np.asarray(found.delta)[..., self.sampled_delta]]
+        return np.concatenate([np.asarray(c) for c in columns], axis=-1)
 
     @property
     def names(self) -> list[str]:
@@ -254,22 +333,14 @@ class Density:
         return found
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """(the fit as a point, a length of each coordinate that the density is smooth over)."""
-        fit, space = self.fit, self.fitting.space
-        t = space.inside(space.to_unit(fit.x))
-        v = np.zeros(self.size)
-        v[self._cuts[0]] = np.log(t / (1 - t))
-        scale = np.ones(self.size)
-        slope = np.where(space.is_log, 1 / np.log(space.high / np.where(space.is_log, space.low, 1.0)), 1.0)
-        scale[self._cuts[0]] = np.clip(fit.deviation * slope / (t * (1 - t)), 1e-4, 1.0)
-        if self.specimens:
-            v[self._cuts[2]] = np.log(0.3)
-            own = np.clip(self._relative / self.between, 1e-4, 1.0)
-            scale[self._cuts[1]] = np.tile(np.where(self.centred, own, 1.0), len(self.specimens))
-        sampled = self.sampled_noise
-        sigma = np.maximum(np.asarray(fit.member.sigma), 1e-3 * self.noise_scales)
-        v[self._cuts[3]] = np.log(sigma / self.noise_scales)[sampled]
-        v[self._cuts[4]] = np.log(0.3)
+        """(a point near the fit, a length of each coordinate that the density is smooth over)."""
+        v, scale = np.zeros(self.size), np.ones(self.size)
+        scale[self._cuts[0]] = 0.5
+        v[self._cuts[1]], scale[self._cuts[1]] = np.log(0.5), 0.3
+        sigma = np.maximum(np.asarray(self.fit.member.sigma), 1e-3 * self.noise_scales)
+        v[self._cuts[2]] = np.log(sigma / self.noise_scales)[self.sampled_noise]
+        scale[self._cuts[2]] = 0.3
+        v[self._cuts[3]], scale[self._cuts[3]] = 0.3, 0.1
         return v, scale
 
 

@@ -48,11 +48,11 @@ class Diagnosis:
         return f"DO NOT USE this posterior: {'; '.join(self.faults)}. Take more draws, or say more by priors."
 
 
-def diagnose(sampled: Sampled, names: Sequence[str]) -> Diagnosis:
-    """The diagnostics of every unknown."""
+def diagnose(v: np.ndarray, sampled: Sampled, names: Sequence[str]) -> Diagnosis:
+    """The diagnostics of every unknown; v: its draws, shape (chains, draws, unknowns)."""
     az = extra()
-    chains, draws, _ = sampled.v.shape
-    columns = [sampled.v[:, :, k] for k in range(sampled.v.shape[2])]
+    chains, draws, _ = v.shape
+    columns = [v[:, :, k] for k in range(v.shape[2])]
     moved = [np.ptp(column) > 0 for column in columns]
     r_hat = np.array([float(az.rhat(c)) if ok else np.inf for c, ok in zip(columns, moved, strict=True)])
     bulk, tail = (

@@ -174,14 +174,14 @@ def finished(fit: Fit, density: Density, settings: Sampling, sampled: Sampled, t
     """What draws say."""
     flat = sampled.v.reshape(-1, density.size)
     unknowns = jax.tree.map(np.asarray, jax.jit(jax.vmap(density.unknowns))(jnp.asarray(flat)))
-    diagnosis = diagnose(sampled, density.names)
+    shape = sampled.v.shape[:2]
+    whole = Unknowns(*(v.reshape(*shape, *v.shape[1:]) for v in unknowns))
+    diagnosis = diagnose(density.table(whole), sampled, density.names)
     tell("posterior: scores of the points")
     picks = np.linspace(0, len(flat) - 1, min(EVALUATED, len(flat))).astype(int)
     run = jax.jit(lambda parts: jax.lax.map(lambda one: density.modelled(one, slopes=False), parts))
     modelled = jax.tree.map(np.asarray, run(jnp.asarray(unknowns.parts[picks])))
     found, given = scores(density, modelled.values, modelled.ok, unknowns.sigma[picks], unknowns.delta[picks])
-    shape = sampled.v.shape[:2]
-    whole = Unknowns(*(v.reshape(*shape, *v.shape[1:]) for v in unknowns))
     return Posterior(
         fit, density, settings, sampled, whole, _next(density, whole, settings.seed), diagnosis, found, given
     )
