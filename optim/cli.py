@@ -1,4 +1,4 @@
-"""The commands design and calibrate. pyproject.toml names them as entry points, by which `softgrip` finds them."""
+"""The commands design, calibrate and evidence. pyproject.toml names them as entry points: so `softgrip` finds them."""
 
 from __future__ import annotations
 
@@ -49,17 +49,42 @@ def calibrate(
     workers: Workers = None,
     scheduler: Scheduler = None,
     insecure: Insecure = False,
+    posterior: Annotated[
+        bool, typer.Option("--posterior", help="Sample the posterior too, as [calibrate.posterior] says or by default.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Fit mu, or any other numbers, to measured curves; or materials to a tension test.
 
+    With --posterior the draws of NUTS are kept as posterior.nc, for `softgrip solve --posterior` and for the section
+    [design.uncertain] of a search; it needs pip install softgrip_jax[bayes].
+
     --workers and --scheduler spread the fits of a bootstrap; they need pip install softgrip_jax[cluster].
 
     - softgrip calibrate configs/calibrate_shell.toml
+
+    - softgrip calibrate configs/calibrate_shell.toml --posterior
     """
     from softgrip_jax.spread import spread_over
 
     from .calibration.run import run_calibrate
 
     with spread_over(workers, scheduler, insecure) as spread:
-        tell_folder(as_json, run_calibrate(config, out, console_for(as_json), spread))
+        tell_folder(as_json, run_calibrate(config, out, console_for(as_json), spread, posterior))
+
+
+def evidence(
+    runs: Annotated[list[Path], typer.Argument(help="Folders of calibrations with a posterior, or their files.")],
+    as_json: AsJson = False,
+) -> None:
+    """Compare models that were calibrated to the same data: which predicts each point best from the others.
+
+    Every run needs a posterior: softgrip calibrate CONFIG --posterior.
+
+    - softgrip evidence runs/neo_hookean-001 runs/gent-001
+    """
+    from .posterior.compare import run_evidence
+
+    found = run_evidence(runs, as_json, console_for(as_json))
+    if as_json:
+        typer.echo(json.dumps(found, indent=2, allow_nan=False))

@@ -16,7 +16,7 @@ TESTED = {
     "softgrip_jax/commands/programs.py": "a kept program that cannot be read, for whatever reason, is traced again",
     "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
-    "optim/robust/settings.py": "what h5netcdf says of a file that holds no posterior is a mistake in its name",
+    "softgrip_jax/draws.py": "what h5netcdf says of a file that holds no posterior is a mistake in its name",
     "softgrip_jax/explorer/code.py": "values that cannot be compared are not the same, and both are written",
     "softgrip_jax/explorer/latest.py": "told on the page; the thread goes on with the next question",
     "softgrip_jax/explorer/start.py": "raised again in the thread that waits for the server",

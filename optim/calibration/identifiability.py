@@ -42,6 +42,9 @@ HELPFUL = 0.1
 ASSUMED_NOISE, ASSUMED_POINTS = 0.01, 10
 """A further measurement has this noise, as a part of its largest value, and so many points."""
 
+BELOW_LIMIT = 0.8
+"""Pressures of a scene without any of its own go up to this part of its limit."""
+
 NOTHING = 1e-12
 """Relative derivatives below this are rounding."""
 
@@ -166,8 +169,12 @@ def candidates(fit: Fit) -> list[tuple[str, np.ndarray]]:
     seen: set[type] = set()
     for name, model in fit.modules().items():
         part = next((p for p in ACTUATORS if hasattr(model, p)), None)
-        if part is not None:
-            x = np.linspace(0.2, 1.0, ASSUMED_POINTS) * max(c.x.max() for c in fitting.curves if c.model == name)
+        largest = max((c.x.max() for c in fitting.curves if c.model == name), default=None)
+        if part is not None and largest is None:  # only a tension test of its material was made
+            limit = float(sg.limit_pressure(model))
+            largest = BELOW_LIMIT * limit if np.isfinite(limit) else None
+        if part is not None and largest is not None:
+            x = np.linspace(0.2, 1.0, ASSUMED_POINTS) * largest
             for words, scene in ACTUATORS[part](model):
                 if type(scene) not in have | seen:
                     seen.add(type(scene))

@@ -2,9 +2,9 @@
 
 The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
 [material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
-result.json, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive. It appears
-complete or not at all, and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals
-until then.
+result.json, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive; with a
+posterior posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or not at all,
+and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
@@ -12,6 +12,7 @@ A config with a section [tension] in place of [calibrate] compares materials on 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import shlex
 from collections.abc import Sequence
@@ -31,6 +32,13 @@ from softgrip_jax.report.run import write_report
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
+from ..posterior.density import require_touched
+from ..posterior.posterior import Posterior, posterior
+from ..posterior.sample import extra
+from ..posterior.write import comment as comment_of
+from ..posterior.write import report as report_posterior
+from ..posterior.write import summary as summary_of
+from ..posterior.write import write_file, write_pictures
 from ..records import summary, versions
 from ..tension.run import run_tension
 from ..tension.test import material_of
@@ -38,13 +46,16 @@ from . import settings
 from .data import Curve
 from .drives import Rival
 from .fit import Fit, calibrate
+from .points import points_of
 from .provenance import material_text, provenance
-from .report import Findings, autocorrelation, examine, is_determined, report, with_rival
+from .report import STOPPED, Findings, autocorrelation, examine, is_determined, report, with_rival
 
 
-def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spread | None = None) -> Path:
+def run_calibrate(
+    config: Path, out: Path | None, console: Console, spread: Spread | None = None, with_posterior: bool = False
+) -> Path:
     """Fit as the config says, print what was found, and return the folder that holds it; Ctrl-C as in `run_design`.
-    spread: who does the fits of the bootstrap in place of this process."""
+    spread: who does the fits of the bootstrap in place of this process. with_posterior: whatever the config says."""
     if "tension" in configs.read_sections(config):
         if spread is not None:
             raise ConfigError(f"{config}, [tension]: its fits are few and run in one process; leave out --workers.")
@@ -53,15 +64,32 @@ def run_calibrate(config: Path, out: Path | None, console: Console, spread: Spre
     given = configs.standalone(config)
     wanted = settings.read(read)
     table = wanted.table
+    sampling = wanted.sampling(with_posterior)
+    if sampling is not None:
+        with located(f"{config}, [calibrate]"):
+            extra()
+    found = None
     with new_folder(out, config.stem) as (folder, final):
         with located(f"{config}, [calibrate]"), stages(console) as tell:
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
+            if sampling is not None:
+                require_touched(fit)
             findings = examine(fit, table.intervals, table.repeats, table.seed, tell, spread)
             findings = findings if findings.stopped else with_rival(findings, table.starts, table.seed, tell)
+            if sampling is not None and not findings.stopped:
+                try:
+                    found = posterior(fit, wanted.priors, sampling, tell)
+                except KeyboardInterrupt:
+                    findings = dataclasses.replace(findings, remarks=(*findings.remarks, STOPPED), stopped=True)
         with DeferInterrupt() as writing:
-            _write(folder, given, read, findings)
+            _write(folder, given, read, findings, found)
+            if found is not None:
+                write_file(folder, found, wanted.numbers)
+                write_pictures(folder, found, wanted.numbers)
             write_report(folder, final.name)
     report(findings, console)
+    if found is not None:
+        report_posterior(found, console)
     command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
     console.print(summary("fit", final, command), soft_wrap=True)
     if findings.stopped or writing.asked:
@@ -84,12 +112,15 @@ def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> 
     return shlex.join(words)
 
 
-def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings) -> None:
+def _write(
+    folder: Path, given: bytes, read: configs.Config, findings: Findings, found: Posterior | None = None
+) -> None:
     fit = findings.fit
     (folder / "config.toml").write_bytes(given)
     modules = fit.modules()
     scenes = {name: modules[name] for name in read.scenes}
-    comment = provenance(read.path.name) + "\n" + "\n".join(_lines(findings))
+    said = _lines(findings) + ([] if found is None else comment_of(found))
+    comment = provenance(read.path.name) + "\n" + "\n".join(said)
     (folder / "calibrated.toml").write_text(configs.dump(scenes, comment), encoding="utf-8")
     material = _one_material(scenes)
     if material is not None:
@@ -101,7 +132,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, findings: Findings)
         said = f"{provenance(read.path.name)}\nThe fit by the other drive of the finger, {drive}."
         (folder / f"calibrated_{drive}.toml").write_text(configs.dump(scenes, said), encoding="utf-8")
     write_points(folder / "points.csv", fit)
-    (folder / "result.json").write_text(json.dumps(_summary(findings), indent=2), encoding="utf-8")
+    result = _summary(findings) | ({} if found is None else {"posterior": summary_of(found)})
+    (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
     draw(fit, folder / "fit.png")
 
 
@@ -216,18 +248,6 @@ def draw(fit: Fit, path: Path) -> None:
         used = (fit.used | (not curve.fit))[fit.fitting.of_curve == k]
         x_label = "engineering strain" if is_test else "pressure (kPa)"
         panels.append(
-            plots.Panel(curve.name, x_label, f"{curve.label} ({label})", _points(curve, used, x_unit, unit), [line])
+            plots.Panel(curve.name, x_label, f"{curve.label} ({label})", points_of(curve, used, x_unit, unit), [line])
         )
     plots.measured_and_fitted(panels).savefig(path)
-
-
-def _points(curve: Curve, used: np.ndarray, x_unit: float, unit: float) -> list[Any]:
-    from softgrip_jax import plots
-
-    if curve.specimen is None:
-        return [plots.Points("measured", curve.x / x_unit, curve.y / unit, used)]
-    found = []
-    for k, name in enumerate(curve.specimens):
-        own = curve.specimen == k
-        found.append(plots.Points(name, curve.x[own] / x_unit, curve.y[own] / unit, used[own]))
-    return found

@@ -10,6 +10,14 @@ Bounds are in the unit of the name. `scene` names the scene of a curve where the
 `noise` in `measured` states a standard deviation, in the column's unit, and without it the noise is estimated;
 `fit = false` predicts a curve from the others. A tension test has `strain` in place of `pressure`, and the quantity
 "stress": its material is that of the scene.
+
+    [calibrate.posterior]           [calibrate.priors]
+    chains = 4                      "shell.material.mu_kPa" = { median = 175, spread = 0.2 }     # lognormal
+    draws = 1000                    "shell.t_m_mm" = { mean = 1.1, deviation = 0.05 }            # normal
+    discrepancy = 0.1               "contact.distance_mm" = { distribution = "uniform" }         # between the bounds
+
+`posterior = true` samples with the defaults. A parameter without a prior of its own has a weak one around its value as
+given.
 """
 
 from __future__ import annotations
@@ -22,10 +30,11 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config.keys import Table, varied
-from softgrip_jax.errors import ConfigError, located
+from softgrip_jax.config.keys import Table, Varied, varied
+from softgrip_jax.errors import ConfigError, InputError, located
 
-from ..space import Variable
+from ..posterior.priors import BETWEEN, DISCREPANCY, Prior, Sampling, require_proper, weak
+from ..space import Space, Variable
 from ..tension.test import Tension, material_of
 from .data import UNITS, Column, Curve, check_pressures, read_columns
 from .fit import STARTS
@@ -63,6 +72,23 @@ class ParameterTable(Table):
     scale: Literal["linear", "log"] = "linear"
 
 
+class PriorTable(Table):
+    distribution: str | None = None
+    median: float | None = None
+    spread: float | None = None
+    mean: float | None = None
+    deviation: float | None = None
+
+
+class PosteriorTable(Table):
+    chains: int = pydantic.Field(default=4, ge=2, le=64)
+    draws: int = pydantic.Field(default=1000, ge=100, le=100_000)
+    warmup: int = pydantic.Field(default=500, ge=100, le=100_000)
+    discrepancy: float = pydantic.Field(default=DISCREPANCY, ge=0, le=1)
+    between: float = pydantic.Field(default=BETWEEN, ge=0, le=1)
+    seed: int = pydantic.Field(default=0, ge=0)
+
+
 class CalibrateTable(Table):
     parameters: list[ParameterTable] = pydantic.Field(min_length=1)
     curves: list[CurveTable] = pydantic.Field(min_length=1)
@@ -71,6 +97,8 @@ class CalibrateTable(Table):
     repeats: int = pydantic.Field(default=REPEATS, ge=100, le=100_000)
     starts: int = pydantic.Field(default=STARTS, ge=1, le=1024)
     seed: int = pydantic.Field(default=0, ge=0)
+    posterior: bool | PosteriorTable = False
+    priors: dict[str, PriorTable] = {}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +107,17 @@ class Settings:
 
     fitting: Fitting
     table: CalibrateTable
+    numbers: tuple[Varied, ...] = ()
+    """Of the parameters, as the config names them; an array has one entry, as it has one parameter table."""
+    priors: tuple[Prior, ...] = ()
+    """One for each entry of the parameters' vector."""
+
+    def sampling(self, wanted: bool = False) -> Sampling | None:
+        """How a posterior is sampled; None where none is wanted."""
+        table = self.table.posterior
+        if isinstance(table, PosteriorTable):
+            return Sampling(**table.model_dump())
+        return Sampling() if table or wanted else None
 
 
 def read(config: configs.Config) -> Settings:
@@ -95,7 +134,53 @@ def read(config: configs.Config) -> Settings:
             raise ConfigError(f"{where}: two curves are called {name!r}; give each a name of its own.")
     variables = [_variable(config, models, parameter, where) for parameter in table.parameters]
     with located(where):
-        return Settings(Fitting(models, variables, curves, table.loss), table)
+        fitting = Fitting(models, variables, curves, table.loss)
+    numbers = tuple(varied(config.scenes, parameter.name, where) for parameter in table.parameters)
+    return Settings(fitting, table, numbers, _priors(table, fitting.space, numbers, where))
+
+
+def _priors(table: CalibrateTable, space: Space, numbers: tuple[Varied, ...], where: str) -> tuple[Prior, ...]:
+    """The prior of every entry: as given, or weak."""
+    of_entry = [k for k, size in enumerate(space.sizes) for _ in range(size)]
+    found = [weak(space, j) for j in range(space.size)]
+    place = where.replace("[calibrate]", "[calibrate.priors]")
+    keys = [number.key for number in numbers]
+    for key, given in table.priors.items():
+        if key not in keys:
+            raise ConfigError(f"{place}: {key!r} is not among the parameters; it must be one of {', '.join(keys)}.")
+        k = keys.index(key)
+        prior = _prior(key, given, numbers[k].unit, place)
+        for j in np.flatnonzero(np.array(of_entry) == k):
+            try:
+                require_proper(key, prior, float(space.low[j]), float(space.high[j]))
+            except InputError as error:
+                raise ConfigError(f"{place}: {error}") from None
+            found[j] = prior
+    return tuple(found)
+
+
+def _prior(key: str, table: PriorTable, unit: float, place: str) -> Prior:
+    given = {name for name, value in table.model_dump().items() if value is not None} - {"distribution"}
+    for distribution, names in NUMBERS.items():
+        if table.distribution in (None, distribution) and given == set(names):
+            centre, spread = (getattr(table, name) for name in names) if names else (0.0, 0.0)
+            if distribution == UNIFORM and table.distribution is None:
+                break  # nothing is said at all
+            return Prior(distribution, centre * unit, spread * (1 if distribution == LOGNORMAL else unit))
+    if table.distribution not in (None, *NUMBERS):
+        raise ConfigError(
+            f"{place}: the distribution of {key} is {table.distribution!r}, which is no proper prior here; it must be "
+            f"one of {', '.join(NUMBERS)}."
+        )
+    raise ConfigError(
+        f"{place}: {key} must have median and spread (lognormal), mean and deviation (normal), or distribution = "
+        f"'uniform' alone; it has {', '.join(sorted(given)) or 'nothing'}."
+    )
+
+
+UNIFORM, LOGNORMAL = "uniform", "lognormal"
+NUMBERS: dict[str, tuple[str, ...]] = {LOGNORMAL: ("median", "spread"), "normal": ("mean", "deviation"), UNIFORM: ()}
+"""What each distribution of a prior is given by."""
 
 
 def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, where: str) -> Curve:

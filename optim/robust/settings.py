@@ -28,6 +28,7 @@ import numpy as np
 import pydantic
 
 from softgrip_jax.config.keys import Table, varied
+from softgrip_jax.draws import read_draws
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.parameters import Parameter, Parameters, Scenes
 from softgrip_jax.units import DISPLAY
@@ -240,34 +241,8 @@ def _correlation(keys: list[str], table: UncertainTable, where: str) -> np.ndarr
 
 def _draws(scenes: Scenes, path: Path, where: str) -> Draws:
     """The draws of a posterior's file whose names are keys of the scenes."""
-    import xarray as xr
-
-    if not path.is_file():
-        raise ConfigError(f"{where}: there is no posterior {str(path)!r}.")
-    try:
-        with xr.open_dataset(path, group="posterior", engine="h5netcdf") as data:
-            columns = {
-                str(name): np.asarray(v, float).ravel()
-                for name, v in data.data_vars.items()
-                if set(v.dims) == {"chain", "draw"}
-            }
-    except (OSError, KeyError, ValueError) as error:
-        raise ConfigError(
-            f"{where}: {str(path)!r} holds no group 'posterior' ({' '.join(str(error).split())})."
-        ) from None
-    names, values = [], []
-    for key, column in columns.items():
-        try:
-            number = varied(scenes, key, where)
-        except ConfigError:
-            continue
-        names.append(number.name)
-        values.append(column * number.unit)
-    if not names:
-        raise ConfigError(
-            f"{where}: the posterior {str(path)!r} is of another scene: it holds {', '.join(columns) or 'nothing'}, "
-            "and none of it is a number here."
-        )
+    found = read_draws(scenes, path, where)
+    names, values = [one.number.name for one in found], [one.values for one in found]
     try:
         return Draws(tuple(names), np.stack(values, axis=1))
     except InputError as error:

@@ -25,6 +25,12 @@ def solve(
     observable: Annotated[
         str | None, typer.Option(help="With --tolerance: whose error counts; by default the first of the scene.")
     ] = None,
+    posterior: Annotated[
+        Path | None, typer.Option(help="The posterior.nc of a calibration: every value with its 95 % interval.")
+    ] = None,
+    draws: Annotated[
+        int, typer.Option(min=20, max=100_000, help="With --posterior: how many draws are solved.")
+    ] = 1000,
 ) -> None:
     """Solve one scene and report its state.
 
@@ -34,12 +40,26 @@ def solve(
     With --tolerance the cheapest model and numerics are chosen that answer within it, and what they leave out is told.
     Every one that is tried is compiled, so that takes longer than to solve once.
 
+    With --posterior the scene is solved by the draws of a calibration, and draws without equilibrium are counted.
+
     - softgrip solve configs/shell_cylinder.toml --plot cylinder.png
 
     - softgrip solve configs/shell_cylinder.toml --pressure-kPa 12 --json
 
     - softgrip solve configs/finger_tip_contact.toml --tolerance 1%
+
+    - softgrip solve configs/shell_flat.toml --posterior runs/calibrate_shell-001/posterior.nc
     """
+    if posterior is not None:
+        from ..commands.predict import run_predict
+        from ..errors import ConfigError
+
+        for option, given in (("--plot", plot), ("--tolerance", tolerance), ("--observable", observable)):
+            if given is not None:
+                raise ConfigError(f"--posterior gives intervals of one model; leave out {option}.")
+        if not run_predict(config, posterior, pressure_kpa, scene, as_json, draws):
+            raise typer.Exit(NO_ANSWER)
+        return
     from ..commands.solve import run_solve
 
     if not run_solve(config, pressure_kpa, scene, as_json, plot, tolerance, observable):

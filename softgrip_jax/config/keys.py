@@ -51,6 +51,8 @@ class Varied(NamedTuple):
     """As `softgrip_jax.parameters` takes it, tied ones joined by '='."""
     kind: str
     rule: str
+    keys: tuple[str, ...] = ()
+    """All keys of tied numbers."""
 
     @property
     def unit(self) -> float:
@@ -80,7 +82,7 @@ def varied(scenes: Scenes, keys: str | list[str], where: str) -> Varied:
     if len({leaf.kind for _, leaf in found}) != 1:
         raise ConfigError(f"{where}: {' and '.join(keys)} are tied; they must be of the same unit.")
     names = [".".join(leaf.names if len(scenes) == 1 else (scene, *leaf.names)) for scene, leaf in found]
-    return Varied(keys[0], " = ".join(names), found[0][1].kind, found[0][1].rule)
+    return Varied(keys[0], " = ".join(names), found[0][1].kind, found[0][1].rule, tuple(keys))
 
 
 def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.NumberKey]]:

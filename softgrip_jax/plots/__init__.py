@@ -23,6 +23,9 @@ from .fits import Line as Line
 from .fits import Panel as Panel
 from .fits import Points as Points
 from .fits import measured_and_fitted as measured_and_fitted
+from .posterior import Band as Band
+from .posterior import corner as corner
+from .posterior import predictive as predictive
 from .robust import Cast as Cast
 from .robust import robust as robust
 from .study import elasticities as elasticities

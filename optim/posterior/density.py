@@ -1,0 +1,448 @@
+"""The logarithm of the posterior of parameters, noise and model error, and what the models say at parameters.
+
+The data y of one curve are
+
+    y_i = f_i(x_s) (model, parameters of specimen s) + d_i (model error) + e_i (noise)
+    e_i ~ N(0, sigma^2)                                     independent
+    d ~ N(0, delta^2 S K S),   K_ij = exp(-(p_i - p_j)^2 / (2 l^2)),   S = diag(size_i)
+
+with size_i the size of the model at the least-squares fit (at least a tenth of that of the curve), so that delta is a
+part of the value: 0.05 is a model that is 5 % off. The error is smooth over the pressure (or strain), l is half of
+the range that was measured, and it is the same for all specimens, since their model is. It is integrated out:
+
+    y ~ N(f(x), sigma^2 I + delta^2 S K S) = N(f, Q diag(sigma^2 + delta^2 lambda) Q^T)
+
+with one eigendecomposition of S K S for all sigma and delta (Kennedy and O'Hagan 2001).
+
+Several specimens are parts of one population, each with its own actuator (Gelman et al. 2013, chapter 5):
+
+    log x_s = log x + tau z_s,   z_s ~ N(0, 1)
+
+with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have half
+normal priors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from softgrip_jax.errors import InputError
+
+from ..calibration.cross_validation import by_specimen
+from ..calibration.data import Curve
+from ..calibration.fit import Fit
+from ..calibration.model import LEAST_NOISE, _answers
+from .priors import BETWEEN, DISCREPANCY, Prior
+
+NOISE = 0.05
+"""Scale of the half-normal prior of a noise that is not stated, as a part of the size of its curve."""
+
+LENGTH = 0.5
+"""The error of a model keeps its sign over about this part of the measured range."""
+
+LEAST_SIZE = 0.1
+"""The size of a model's error does not fall below that at this part of the curve: it may begin at the wrong
+pressure."""
+
+LEAST_PRECISION = 1e-2
+"""Of the logit of a parameter, where its prior alone has less."""
+
+PARTS = ("shell", "finger", "gripper", "material")
+"""Numbers below a part of these names are those of a specimen; the others are those of the test."""
+
+
+class Unknowns(NamedTuple):
+    """What is sampled, in SI."""
+
+    x: Float[Array, " n"]
+    """Of the population."""
+    parts: Float[Array, "S n"]
+    """Of the specimens; one row, x itself, where there is just one."""
+    tau: Float[Array, " v"]
+    sigma: Float[Array, " K"]
+    delta: Float[Array, " K"]
+
+
+class Modelled(NamedTuple):
+    """The models at all points of all curves."""
+
+    values: Float[Array, " N"]
+    missing: Float[Array, " N"]
+    ok: Bool[Array, " N"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """Where one model is asked: by each specimen that has points of it, at its own pressures."""
+
+    model: str
+    parts: np.ndarray
+    xs: np.ndarray
+    """One row per specimen; short rows repeat their last entry."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Linear:
+    """The models, and the prior of the parameters, linear around the fit."""
+
+    centre: np.ndarray
+    """Logits of the parameters, then logarithms of the specimens over `between`."""
+    values: np.ndarray
+    jacobian: np.ndarray
+    slope: np.ndarray
+    precision: np.ndarray
+    """Derivatives of the logarithm of the prior by the logits: first, and minus the second."""
+    log: np.ndarray
+    """Of the logarithms of the parameters that vary, by their logits."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Errors:
+    """One curve's errors: the points that count, and the eigendecomposition of S K S of those."""
+
+    points: np.ndarray
+    sizes: np.ndarray
+    lam: np.ndarray
+    q: np.ndarray
+
+
+class Density:
+    """The posterior density of a fit's parameters.
+
+    A point is v, one real number for each unknown: parameters and specimens, counted from what linear models say of
+    them given tau, sigma and delta; the logarithms of tau and sigma as parts of their priors' scales; and delta as a
+    part of that of its own. That may be negative, since its square alone counts: the density is smooth through zero.
+
+    Args:
+        fit: the least-squares fit: it says which points have an equilibrium, and where the sampling begins.
+        priors: one per parameter.
+        discrepancy: scale of the prior of delta; 0 takes the models as right.
+        between: scale of the prior of tau; 0 takes all specimens as alike.
+    """
+
+    def __init__(
+        self, fit: Fit, priors: list[Prior], discrepancy: float = DISCREPANCY, between: float = BETWEEN
+    ) -> None:
+        self.fit, self.fitting, self.priors = fit, fit.fitting, tuple(priors)
+        self.discrepancy, self.between = discrepancy, between
+        fitting, space = fit.fitting, fit.fitting.space
+        self.n, self.y = space.size, np.asarray(fitting.y)
+        self.used = np.asarray(fit.used)
+        labels = specimens_of(fitting.curves)
+        counted = [str(name) for name in dict.fromkeys(labels) if self.used[labels == name].any()]
+        self.varying = np.array([any(p in PARTS for p in _path(name)) for name in space.names]) & (space.low > 0)
+        self.specimens: tuple[str, ...] = tuple(counted) if len(counted) > 1 and between > 0 else ()
+        if not self.specimens or not self.varying.any():
+            self.specimens, self.varying = (), np.zeros(self.n, dtype=bool)
+        self.part_of = np.zeros(len(self.y), dtype=int)
+        for k, name in enumerate(self.specimens):
+            self.part_of[labels == name] = k
+        self.asked, self._places = _asked(fit, self.part_of, self.used)
+        sizes = np.abs(np.asarray(fit.predicted.response.values))
+        self.errors = [_errors(fit, k, sizes) for k in range(len(fitting.curves))]
+        self.sampled_noise = np.array([c.fit and c.noise is None for c in fitting.curves])
+        self.sampled_delta = np.array([c.fit and discrepancy > 0 for c in fitting.curves])
+        self.noise_scales = np.where(self.sampled_noise, NOISE * fitting.sizes, np.asarray(fit.member.sigma))
+        self.floor = LEAST_NOISE * fitting.sizes
+        count, v = len(self.specimens), int(self.varying.sum())
+        cuts = np.cumsum([0, self.n + count * v, v, self.sampled_noise.sum(), self.sampled_delta.sum()])
+        self._cuts = [slice(int(a), int(b)) for a, b in itertools.pairwise(cuts)]
+        self.size = int(cuts[-1])
+        self._linear = self._linearised()
+
+    def _linearised(self) -> Linear:
+        """The models around the fit: of each specimen, around its fit alone."""
+        fit, fitting, space = self.fit, self.fitting, self.fitting.space
+        own = np.flatnonzero(self.varying)
+        alone = by_specimen(fit) if self.specimens else None
+        rows, values, slopes = [], np.zeros(len(self.y)), np.zeros((len(self.y), self.n))
+        for s, name in enumerate(self.specimens or ("",)):
+            x, predicted = fit.x, fit.predicted
+            if alone is not None and name in alone.names:
+                x = np.where(self.varying, alone.x[alone.names.index(name)], fit.x)
+                predicted = fitting.predict_at(x)
+            at = self.part_of == s
+            values[at] = np.asarray(predicted.response.values)[at]
+            slopes[at] = np.asarray(predicted.slopes)[at]
+            rows.append(np.log(np.abs(x[own])) / self.between if self.between > 0 else np.zeros(len(own)))
+        t = space.inside(space.to_unit(fit.x))
+        middle = np.log(t / (1 - t))
+        by_t = np.asarray(jax.jacfwd(lambda t: space.from_unit(jax.nn.sigmoid(t)))(jnp.asarray(middle)))
+        jacobian = np.zeros((len(self.y), self.n + len(own) * len(self.specimens)))
+        if not self.specimens:
+            jacobian[:, : self.n] = slopes @ by_t
+            rows = []
+        else:
+            jacobian[:, : self.n] = (slopes * ~self.varying) @ by_t
+            for i, part in enumerate(self.part_of):
+                place = self.n + part * len(own)
+                size = np.exp(self.between * rows[part]) * self.between
+                jacobian[i, place : place + len(own)] = slopes[i, own] * size
+        slope = np.asarray(jax.grad(self._log_prior_of_t)(jnp.asarray(middle)))
+        bend = np.asarray(jax.hessian(self._log_prior_of_t)(jnp.asarray(middle)))
+        precision = np.maximum(-np.diag(bend), LEAST_PRECISION)
+        centre = np.concatenate([middle, *rows])
+        log = np.diag(by_t)[own] / fit.x[own]
+        return Linear(centre, values, jacobian, slope, precision, log)
+
+    def _affine(self, h: tuple[Array, Array, Array], y: Float[Array, " N"]) -> tuple[Array, Array]:
+        """(mean, root of the inverse covariance) of parameters and specimens, given tau, sigma, delta and y, by models
+        that are linear: what is sampled is counted from there in units of that. It is exact for any model, and for
+        nearly linear ones there is no funnel, in which a sampler that has found one size of steps is stuck."""
+        linear, (tau, sigma, delta) = self._linear, h
+        size = len(linear.centre)
+        inverse = jnp.zeros((size, size)).at[np.arange(self.n), np.arange(self.n)].add(jnp.asarray(linear.precision))
+        pull = jnp.zeros(size).at[: self.n].add(jnp.asarray(linear.slope))
+        for k, one in enumerate(self.errors):
+            if len(one.points):
+                rotated = jnp.asarray(one.q.T @ linear.jacobian[one.points])
+                weighted = rotated.T / self.variance(k, sigma, delta)[None, :]
+                inverse += weighted @ rotated
+                pull += weighted @ (jnp.asarray(one.q).T @ (y - jnp.asarray(linear.values))[one.points])
+        count = int(self.varying.sum())
+        own = np.flatnonzero(self.varying)
+        for s in range(len(self.specimens)):
+            place = self.n + s * count + np.arange(count)
+            to = np.zeros((count, size))
+            to[np.arange(count), place], to[np.arange(count), own] = self.between, -linear.log
+            off = self.between * linear.centre[place] - np.log(np.abs(self.fit.x[own]))
+            scaled = jnp.asarray(to) / (tau**2)[:, None]
+            inverse += scaled.T @ jnp.asarray(to)
+            pull -= scaled.T @ jnp.asarray(off)
+        root = jnp.linalg.cholesky(inverse)
+        return jnp.asarray(linear.centre) + jax.scipy.linalg.cho_solve((root, True), pull), root
+
+    def _split(self, v: Float[Array, " V"], y: Array | None) -> tuple[Array, Array, tuple[Array, Array, Array]]:
+        """(t, logarithms of the specimens over `between`, (tau, sigma, delta)) of a point."""
+        e, tau, noise, delta = (v[cut] for cut in self._cuts)
+        noises = self.noise_scales[self.sampled_noise] * jnp.exp(noise)
+        sigma = jnp.asarray(self.noise_scales).at[np.flatnonzero(self.sampled_noise)].set(noises)
+        sizes = self.discrepancy * jnp.abs(delta)
+        errors = jnp.zeros(len(self.errors)).at[np.flatnonzero(self.sampled_delta)].set(sizes)
+        h = (self.between * jnp.exp(tau), sigma, errors)
+        mean, root = self._affine(h, jnp.asarray(self.y) if y is None else y)
+        place = mean + jax.scipy.linalg.solve_triangular(root, e, lower=True, trans=1)
+        return place[: self.n], jnp.reshape(place[self.n :], (len(self.specimens), int(self.varying.sum()))), h
+
+    def unknowns(self, v: Float[Array, " V"], y: Array | None = None) -> Unknowns:
+        """A point in SI; y: other data than those of the fit."""
+        t, own, (tau, sigma, delta) = self._split(v, y)
+        x = self.fitting.space.from_unit(jax.nn.sigmoid(t))
+        rows = jnp.broadcast_to(x, (max(len(self.specimens), 1), self.n))
+        if self.specimens:
+            rows = rows.at[:, np.flatnonzero(self.varying)].set(jnp.exp(self.between * own))
+        return Unknowns(x, rows, tau, sigma, delta)
+
+    def _log_prior_of_t(self, t: Float[Array, " n"]) -> Float[Array, ""]:
+        """Of the parameters, by the logits of their places between the bounds."""
+        space = self.fitting.space
+        x = space.from_unit(jax.nn.sigmoid(t))
+        total = jnp.sum(jax.nn.log_sigmoid(t) + jax.nn.log_sigmoid(-t))
+        total += jnp.sum(jnp.where(space.is_log, jnp.log(jnp.abs(x)), 0.0))
+        return total + sum(prior.log_density(x[j]) for j, prior in enumerate(self.priors))
+
+    def log_prior(self, v: Float[Array, " V"], y: Array | None = None) -> Float[Array, ""]:
+        """Logarithm of the prior density by v."""
+        t, own, h = self._split(v, y)
+        _, tau, noise, delta = (v[cut] for cut in self._cuts)
+        total = self._log_prior_of_t(t) - 0.5 * jnp.sum(delta**2)
+        for scaled in (tau, noise):
+            total += jnp.sum(scaled - 0.5 * jnp.exp(2 * scaled))
+        if self.specimens:
+            x = self.fitting.space.from_unit(jax.nn.sigmoid(t))[self.varying]
+            apart = (self.between * own - jnp.log(x)[None, :]) / h[0][None, :]
+            total -= jnp.sum(0.5 * apart**2 + tau[None, :])
+        return total - jnp.sum(jnp.log(jnp.diag(self._affine(h, jnp.asarray(self.y) if y is None else y)[1])))
+
+    def modelled(self, parts: Float[Array, "S n"], slopes: bool = True) -> Modelled:
+        """The models with the parameters of all specimens (SI), with exact first derivatives by them."""
+        answered: dict[str, Any] = {}
+        for one in self.asked:
+            rows = parts[one.parts]
+            at = jax.lax.stop_gradient(rows)
+            values, missing, ok = _with_slopes(self, one, at) if slopes else _plain(self, one, at)
+            if slopes:
+                (values, by_x), (missing, back) = values, missing
+                change = (rows - at)[:, None, :]
+                values = {name: v + jnp.sum(by_x[name] * change, -1) for name, v in values.items()}
+                missing = missing + jnp.sum(back * change, -1)
+            answered[one.model] = values, missing, ok
+        found = []
+        for curve, (row, place) in zip(self.fitting.curves, self._places, strict=True):
+            if row is None:
+                nothing = jnp.zeros(len(curve.x))
+                found.append(Modelled(nothing, nothing, nothing > 1))
+                continue
+            values, missing, ok = answered[curve.model]
+            key = _key(curve)
+            found.append(Modelled(values[key][row, place], missing[row, place], ok[row, place]))
+        return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *found)
+
+    def log_likelihood(
+        self, modelled: Modelled, sigma: Float[Array, " K"], delta: Float[Array, " K"], y: Float[Array, " N"]
+    ) -> Float[Array, ""]:
+        """Logarithm of the density of the data, up to a constant.
+
+        A point without equilibrium at these parameters misses by more than its curve is large: so a part of the
+        parameters is left that has next to no probability, and the slope leads back from there.
+        """
+        sizes = jnp.asarray(self.fitting.sizes)[self.fitting.of_curve]
+        r = jnp.where(modelled.ok, modelled.values - y, sizes * (1 + modelled.missing))
+        total = jnp.zeros(())
+        for k, one in enumerate(self.errors):
+            if len(one.points):
+                variance = self.variance(k, sigma, delta)
+                rotated = jnp.asarray(one.q).T @ r[one.points]
+                total -= 0.5 * jnp.sum(rotated**2 / variance + jnp.log(variance))
+        return total
+
+    def variance(self, k: int, sigma: Float[Array, " K"], delta: Float[Array, " K"]) -> Float[Array, " m"]:
+        """Eigenvalues of the covariance of a curve."""
+        return sigma[k] ** 2 + self.floor[k] ** 2 + delta[k] ** 2 * jnp.asarray(self.errors[k].lam)
+
+    def potential(self, v: Float[Array, " V"], y: Float[Array, " N"] | None = None) -> Float[Array, ""]:
+        """Minus the logarithm of the posterior density, up to a constant."""
+        found = self.unknowns(v, y)
+        modelled = self.modelled(found.parts)
+        data = jnp.asarray(self.y) if y is None else y
+        return -(self.log_prior(v, y) + self.log_likelihood(modelled, found.sigma, found.delta, data))
+
+    def table(self, found: Unknowns) -> np.ndarray:
+        """The unknowns as one vector, in SI, in the order of `names`."""
+        parts = np.asarray(found.parts)[..., self.varying] if self.specimens else np.zeros((*found.tau.shape[:-1], 0))
+        columns = [found.x, parts.reshape(*parts.shape[: np.ndim(found.x) - 1], -1), found.tau]
+        columns += [np.asarray(found.sigma)[..., self.sampled_noise], np.asarray(found.delta)[..., self.sampled_delta]]
+        return np.concatenate([np.asarray(c) for c in columns], axis=-1)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the unknowns, for people."""
+        space, curves = self.fitting.space, self.fitting.curves
+        varying = [name for name, own in zip(space.names, self.varying, strict=True) if own]
+        found = [*space.names, *(f"{name} of {s or 'the others'}" for s in self.specimens for name in varying)]
+        found += [f"the scatter of {name}" for name in varying]
+        for what, own in (("noise", self.sampled_noise), ("model error", self.sampled_delta)):
+            found += [f"the {what} of {c.name}" for c, sampled in zip(curves, own, strict=True) if sampled]
+        return found
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """(a point near the fit, a length of each coordinate that the density is smooth over)."""
+        v, scale = np.zeros(self.size), np.ones(self.size)
+        scale[self._cuts[0]] = 0.5
+        v[self._cuts[1]], scale[self._cuts[1]] = np.log(0.5), 0.3
+        sigma = np.maximum(np.asarray(self.fit.member.sigma), 1e-3 * self.noise_scales)
+        v[self._cuts[2]] = np.log(sigma / self.noise_scales)[self.sampled_noise]
+        scale[self._cuts[2]] = 0.3
+        v[self._cuts[3]], scale[self._cuts[3]] = 0.3, 0.1
+        return v, scale
+
+
+def specimens_of(curves: tuple[Curve, ...]) -> np.ndarray:
+    """The name of the specimen of every point; '' where a curve names none."""
+    return np.concatenate(
+        [
+            np.full(len(c.x), "") if c.specimen is None else np.array([c.specimens[int(i)] for i in c.specimen])
+            for c in curves
+        ]
+    )
+
+
+def require_touched(fit: Fit) -> None:
+    """An InputError where no fitted point depends on a parameter."""
+    slopes = np.asarray(fit.predicted.slopes)[fit.used]
+    for name, column in zip(fit.fitting.space.names, slopes.T, strict=True):
+        if not np.any(column != 0):
+            raise InputError(
+                f"The data do not touch {name}: its posterior would be its prior; leave it out, or fit a curve that "
+                "depends on it."
+            )
+
+
+def _path(name: str) -> list[str]:
+    return name.split("=")[0].strip().split(".")
+
+
+def _key(curve: Curve) -> str:
+    return curve.quantity if curve.component is None else f"{curve.quantity}.{curve.component}"
+
+
+def _asked(fit: Fit, part_of: np.ndarray, used: np.ndarray) -> tuple[list[Asked], list[Any]]:
+    """Where the models are asked, and (row, place) there of every point of every curve; (None, None) of a curve that
+    is predicted only."""
+    fitting = fit.fitting
+    asked: dict[str, Asked] = {}
+    models = np.array([c.model for c in fitting.curves])[fitting.of_curve]
+    fitted = np.array([c.fit for c in fitting.curves])[fitting.of_curve]
+    for model in dict.fromkeys(models[fitted]):
+        own = (models == model) & fitted
+        parts = np.unique(part_of[own])
+        rows = [np.unique(fitting.x[own & (part_of == p)]) for p in parts]
+        size = max(map(len, rows))
+        padded = np.array([np.append(row, np.full(size - len(row), row[-1])) for row in rows])
+        asked[str(model)] = Asked(str(model), parts, padded)
+    places: list[Any] = []
+    for k, curve in enumerate(fitting.curves):
+        if not curve.fit:
+            places.append((None, None))
+            continue
+        one, parts = asked[curve.model], part_of[fitting.of_curve == k]
+        row = np.searchsorted(one.parts, parts)
+        place = np.array([int(np.argmax(one.xs[r] == x)) for r, x in zip(row, curve.x, strict=True)])
+        places.append((row, place))
+    return list(asked.values()), places
+
+
+def _errors(fit: Fit, k: int, sizes: np.ndarray) -> Errors:
+    fitting, curve = fit.fitting, fit.fitting.curves[k]
+    points = np.flatnonzero((fitting.of_curve == k) & fit.used) if curve.fit else np.zeros(0, dtype=int)
+    if not len(points):
+        return Errors(points, np.zeros(0), np.zeros(0), np.zeros((0, 0)))
+    x, size = fitting.x[points], np.maximum(sizes[points], LEAST_SIZE * curve.size)
+    length = LENGTH * max(float(np.ptp(x)), 1e-9 * float(np.max(np.abs(x))) + 1e-300)
+    kernel = np.exp(-0.5 * ((x[:, None] - x[None, :]) / length) ** 2)
+    lam, q = np.linalg.eigh(size[:, None] * kernel * size[None, :])
+    return Errors(points, size, np.maximum(lam, 0), q)
+
+
+def _named(observables: dict[str, Array], curves: tuple[Curve, ...], model: str) -> dict[str, Array]:
+    """The quantities that are measured of a model."""
+    found = {}
+    for c in curves:
+        if c.model == model and c.fit:
+            value = observables[c.quantity]
+            found[_key(c)] = value if c.component is None else value[:, c.component]
+    return found
+
+
+def _one(density: Density, asked: Asked, x: Array, at: Array) -> tuple[dict[str, Array], Array, Array]:
+    model = density.fitting.space.scenes_at(x)[asked.model]
+    observables, ok, missing, _ = _answers(model, at)
+    named = _named(observables, density.fitting.curves, asked.model)
+    return {name: jnp.where(ok, v, 0.0) for name, v in named.items()}, missing, ok
+
+
+def _plain(density: Density, asked: Asked, rows: Array) -> Any:
+    return jax.vmap(lambda x, at: _one(density, asked, x, at))(rows, jnp.asarray(asked.xs))
+
+
+def _with_slopes(density: Density, asked: Asked, rows: Array) -> Any:
+    """Values and derivatives by one program: all parameters in one forward pass, as in the fit."""
+
+    def one(x, at):
+        def split(x):
+            values, missing, ok = _one(density, asked, x, at)
+            return (values, missing), (values, missing, ok)
+
+        (by_x, back), (values, missing, ok) = jax.jacfwd(split, has_aux=True)(x)
+        return values, by_x, missing, back, ok
+
+    found = jax.lax.stop_gradient(jax.vmap(one)(rows, jnp.asarray(asked.xs)))
+    values, by_x, missing, back, ok = found
+    return (values, by_x), (missing, back), ok
