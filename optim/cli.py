@@ -88,3 +88,17 @@ def evidence(
     found = run_evidence(runs, as_json, console_for(as_json))
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
+
+
+def plan(
+    config: Annotated[Path, typer.Argument(help="A TOML file with a [scene] and a [plan].")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say which measurements tell most about some numbers, or about a decision, before any of them is made.
+
+    - softgrip plan configs/plan_shell.toml
+    """
+    from .plan.run import run_plan
+
+    tell_folder(as_json, run_plan(config, out, console_for(as_json)))

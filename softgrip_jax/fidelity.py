@@ -482,7 +482,7 @@ def _finger(scene: Any) -> Iterator[LadderModel]:
             simpler += [(dataclasses.replace(one, **{field: plain}), (*out, words)) for one, out in simpler]
     if scene.drive == "cell":
         yield from _resolved(dataclasses.replace(scene, drive="thesis"), (CELL_LEFT_OUT,), 1.0)
-    dear = DRIVE_COST.get(scene.drive, 1.0)
+    dear = DRIVE_COST.get(str(scene.drive), 1.0)
     for one, left_out in reversed(simpler):
         yield from _resolved(one, left_out, dear * (WEIGHT_COST if one.weight is scene.weight is not None else 1.0))
 

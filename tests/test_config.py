@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 import softgrip_jax as sg
 from optim.calibration import settings as calibrate_settings
+from optim.plan import settings as plan_settings
 from softgrip_jax import config, fields, units
 from softgrip_jax.objects.friction import FrictionTable
 from softgrip_jax.scene import Scene
@@ -83,6 +84,8 @@ def test_every_config_of_the_project_loads_and_asks_something(path):
     assert all(isinstance(scene, Scene) for scene in read.scenes.values())
     if "calibrate" in sections:
         assert calibrate_settings.read(read).fitting.space.size >= 1
+    elif "plan" in sections:
+        assert plan_settings.read(read).fitting.space.size >= 1
     elif not sections.keys() & {"design", "sweep"}:
         assert len(config.question(read)) <= 1
 

@@ -78,7 +78,7 @@ class Direction:
 
 def unknown_directions(fit: Fit) -> list[Direction]:
     """The directions that the data leave open, worst first; empty where every parameter is determined."""
-    s, v = _directions(_relative_jacobian(fit))
+    s, v = directions(_relative_jacobian(fit))
     found = []
     weakest = [k for k in range(len(s)) if s[k] < 1 / UNKNOWN]
     if not weakest:
@@ -91,9 +91,7 @@ def unknown_directions(fit: Fit) -> list[Direction]:
         deviation = np.inf if s[k] < NOTHING * max(s.max(), 1.0) else 1 / s[k]
         remedies = [words for words, rows in added if _parts(fit, rows, v[k])]
         remedies.append("measuring one of them itself" if len(part) > 1 else f"measuring {names[0]} itself")
-        found.append(
-            Direction(names, direction[part], deviation, _combination(names, direction[part]), tuple(remedies))
-        )
+        found.append(Direction(names, direction[part], deviation, combination(names, direction[part]), tuple(remedies)))
     return found
 
 
@@ -107,14 +105,14 @@ def _relative_jacobian(fit: Fit) -> np.ndarray:
     return np.asarray(fit.predicted.slopes) * _relative(fit) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
 
 
-def _directions(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def directions(jacobian: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Singular values and right vectors, one per parameter, also where there are fewer points."""
     n = jacobian.shape[1]
     _, s, vt = np.linalg.svd(np.concatenate([jacobian, np.zeros((n, n))]), full_matrices=False)
     return s, vt
 
 
-def _combination(names: Sequence[str], change: np.ndarray) -> str:
+def combination(names: Sequence[str], change: np.ndarray) -> str:
     if len(names) == 2:
         first, second = names
         ratio = -change[1] / change[0]  # d log second / d log first, of what stays the same: first^ratio * second
@@ -130,7 +128,7 @@ def _combination(names: Sequence[str], change: np.ndarray) -> str:
 def _parts(fit: Fit, rows: np.ndarray, direction: np.ndarray) -> bool:
     """Whether a further measurement determines a direction well enough, together with the data."""
     jacobian = np.concatenate([_relative_jacobian(fit), rows])
-    s, v = _directions(jacobian)
+    s, v = directions(jacobian)
     variance = np.sum(((v @ direction) / np.maximum(s, 1e-300)) ** 2)
     return bool(np.sqrt(variance) < HELPFUL)
 

@@ -204,7 +204,7 @@ class Fitting:
         """Curves with a stated noise."""
         self.weight = np.concatenate([np.full(len(c.x), float(c.fit)) for c in curves])
         self.fit_member_jit = jax.jit(self.fit_member)
-        self._predict_jit = jax.jit(self._predict_with_slopes)
+        self._predict_jit = jax.jit(self.predict_with_slopes)
 
     def predict(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Response:
         """All models at parameters x (SI)."""
@@ -218,7 +218,7 @@ class Fitting:
             parts.append(Response(jnp.where(ok[place], values, 0.0), ok[place], missing[place], share[place]))
         return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *parts)
 
-    def _predict_with_slopes(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Predicted:
+    def predict_with_slopes(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Predicted:
         """`predict` and its derivatives by x, all parameters in one forward pass."""
 
         def split(x):

@@ -185,14 +185,31 @@ NUMBERS: dict[str, tuple[str, ...]] = {LOGNORMAL: ("median", "spread"), "normal"
 
 def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, where: str) -> Curve:
     place = f"{where}: curve {table.name!r}"
-    scenes = config.scenes
-    name = table.scene or next(iter(scenes))
-    if name not in scenes or (table.scene is None and len(scenes) > 1):
-        given = "names no scene" if table.scene is None else f"names the scene {table.scene!r}"
-        raise ConfigError(f"{place} {given}; it must be one of {', '.join(scenes)}.")
     if (table.pressure is None) == (table.strain is None):
         raise ConfigError(f"{place} must have either pressure (of a scene) or strain (of a tension test).")
-    if table.strain is not None:
+    is_test = table.strain is not None
+    model, (quantity, kind, component) = measured_of(
+        config.scenes, models, table.scene, table.measured.quantity, is_test, place
+    )
+    x_table = table.pressure or table.strain
+    assert x_table is not None
+    x = column(x_table, "number" if table.strain else "pressure", place)
+    y = column(table.measured, kind, place)
+    noise = None if table.measured.noise is None else table.measured.noise * y.factor
+    found = read_specimens(config.path.parent, table.file, table.name, x, y)
+    return Curve(table.name, model, quantity, kind, component=component, noise=noise, fit=table.fit, **found)
+
+
+def measured_of(
+    scenes: dict[str, Any], models: dict[str, Any], scene: str | None, wanted: str, is_test: bool, place: str
+) -> tuple[str, tuple[str, str, int | None]]:
+    """(model, (observable, kind, component)) of what is measured of a scene, or of a tension test of its material,
+    which is added to the models."""
+    name = scene or next(iter(scenes))
+    if name not in scenes or (scene is None and len(scenes) > 1):
+        given = "names no scene" if scene is None else f"names the scene {scene!r}"
+        raise ConfigError(f"{place} {given}; it must be one of {', '.join(scenes)}.")
+    if is_test:
         material = material_of(scenes[name])
         if material is None:
             raise ConfigError(f"{place}: the scene {name} has no material that a tension test could be of.")
@@ -201,17 +218,9 @@ def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, wh
         models[model] = Tension(material)
     else:
         kinds, model = _quantities(scenes[name]), name
-    wanted = table.measured.quantity
     if wanted not in kinds:
         raise ConfigError(f"{place} measures {wanted!r}; it must be one of {', '.join(kinds)}.")
-    quantity, kind, component = kinds[wanted]
-    x_table = table.pressure or table.strain
-    assert x_table is not None
-    x = column(x_table, "number" if table.strain else "pressure", place)
-    y = column(table.measured, kind, place)
-    noise = None if table.measured.noise is None else table.measured.noise * y.factor
-    found = read_specimens(config.path.parent, table.file, table.name, x, y)
-    return Curve(table.name, model, quantity, kind, component=component, noise=noise, fit=table.fit, **found)
+    return model, kinds[wanted]
 
 
 def _quantities(scene: Any) -> dict[str, tuple[str, str, int | None]]:
@@ -262,17 +271,22 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
 def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTable, where: str) -> Variable:
     number = varied(config.scenes, table.name, where)
     low, high = number.bounds(table.low, table.high, table.scale, where)
+    with located(where):
+        return Variable(model_name(config.scenes, models, table.name, number), low, high, table.scale)
+
+
+def model_name(scenes: dict[str, Any], models: dict[str, Any], keys: str | list[str], number: Varied) -> str:
+    """The name of a number among the models: that of its scenes, and of the tension tests that go with them."""
     name = number.name
-    if len(config.scenes) > 1 and isinstance(table.name, str) and table.name.split(".")[0] not in config.scenes:
+    if len(scenes) > 1 and isinstance(keys, str) and keys.split(".")[0] not in scenes:
         # A number without a scene is that of every scene that has it: its name needs none.
         name = name.split(" = ")[0].partition(".")[2]
     # A tension test is of the material of its scene: it moves with it.
     tied = []
     for path in number.name.split(" = "):
         parts = path.split(".")
-        scene = parts[0] if parts[0] in config.scenes else next(iter(config.scenes))
+        scene = parts[0] if parts[0] in scenes else next(iter(scenes))
         test = f"{TEST} {scene}"
         if test in models and "material" in parts:
             tied.append(".".join([test, *parts[parts.index("material") :]]))
-    with located(where):
-        return Variable(" = ".join([name, *tied]), low, high, table.scale)
+    return " = ".join([name, *tied])

@@ -135,7 +135,9 @@ def _draw(ax, panel: Panel) -> None:
     ax.set_ylabel(panel.y_label)
     ax.set_xlim(left=0)
     # A line may leave the data behind (a material that locks): the data set the scale.
-    measured = np.concatenate([points.y for points in panel.points])
+    shown = panel.points or panel.lines
+    measured = np.concatenate([one.y for one in shown])
     low, high = measured.min() - FOOTROOM * np.ptp(measured), measured.max() + HEADROOM * np.ptp(measured)
-    ax.set_ylim(max(ax.get_ylim()[0], low), min(ax.get_ylim()[1], high))
+    if high > low:
+        ax.set_ylim(max(ax.get_ylim()[0], low), min(ax.get_ylim()[1], high))
     ax.legend(loc="best")

@@ -21,7 +21,7 @@ from ..model_error import model_error
 from .document import Document, shown
 
 NAME = "report.html"
-SECTIONS = ("design", "calibrate", "tension", "sweep", "sensitivity")
+SECTIONS = ("design", "calibrate", "tension", "plan", "sweep", "sensitivity")
 """Sections of configs, by which a run is told from others; the command of a tension test is calibrate."""
 MOST_DESIGNS = 2000
 """Designs of a study that are read for its plot."""

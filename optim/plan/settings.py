@@ -1,0 +1,234 @@
+"""The section [plan] of a config: what is known of some numbers, and what could be measured.
+
+    [plan]                                     [[plan.measurements]]
+    points = 5                                 name = "free inflation"
+                                               scene = "free"
+    [[plan.parameters]]                        quantity = "inflation"
+    name = "shell.material.mu_kPa"             pressures_kPa = [2, 4, 6, 8, 10, 12]
+    spread = 0.15                              noise = 0.1
+                                               unit = "mm"
+
+`spread` is a relative standard deviation (the logarithm of the number is normal); `posterior` takes what is known from
+a file of `softgrip calibrate --posterior` instead. A measurement is a quantity of a scene at each of the pressures, the
+stress of its material at each of `strains`, or a number itself (`number = "shell.t_m_mm"`, for a calliper).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pydantic
+
+from softgrip_jax import config as configs
+from softgrip_jax.config.keys import Table, Varied, quantity, varied
+from softgrip_jax.errors import ConfigError, located
+from softgrip_jax.quantities import Quantity
+
+from ..calibration.data import UNITS, Curve
+from ..calibration.model import Fitting
+from ..calibration.settings import measured_of, model_name
+from ..space import Space, Variable
+from .information import CRITERIA
+
+REACH = 5.0
+"""Standard deviations either way that a number is taken to lie within."""
+
+
+class ParameterTable(Table):
+    name: str | list[str]
+    spread: float | None = pydantic.Field(default=None, gt=0, le=1)
+
+
+class MeasurementTable(Table):
+    name: str
+    scene: str | None = None
+    quantity: str | None = None
+    number: str | None = None
+    pressures_kPa: list[float] | None = pydantic.Field(default=None, min_length=1)
+    strains: list[float] | None = pydantic.Field(default=None, min_length=1)
+    noise: float = pydantic.Field(gt=0)
+    unit: str
+    cost: float = pydantic.Field(default=1.0, gt=0)
+    repeats: int = pydantic.Field(default=1, ge=1)
+
+
+class DecisionTable(Table):
+    quantity: str
+    at: Any = None
+    low: float | None = None
+    high: float | None = None
+
+
+class PlanTable(Table):
+    parameters: list[ParameterTable] = pydantic.Field(min_length=1)
+    measurements: list[MeasurementTable] = pydantic.Field(min_length=1)
+    points: int = pydantic.Field(default=5, ge=1, le=1000)
+    budget: float | None = pydantic.Field(default=None, gt=0)
+    criterion: Literal[CRITERIA] | None = None  # type: ignore[valid-type]
+    decision: DecisionTable | None = None
+    posterior: str | None = None
+    draws: int = pydantic.Field(default=32, ge=1, le=4096)
+    seed: int = pydantic.Field(default=0, ge=0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """One kind of measurement."""
+
+    table: MeasurementTable
+    curve: Curve | None
+    """What is asked of the models, at every candidate; None for a number itself."""
+    index: int = -1
+    """Of the number that is measured itself."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Decision:
+    """A quantity whose value decides, in SI."""
+
+    quantity: Quantity
+    unit: float
+    low: float
+    high: float
+    key: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """[plan] as read."""
+
+    table: PlanTable
+    fitting: Fitting
+    numbers: list[Varied]
+    spreads: np.ndarray | None
+    """Relative standard deviations; None where a posterior says them."""
+    measurements: list[Measurement]
+    decision: Decision | None
+    criterion: str
+    folder: Path
+    where: str
+    scenes: dict[str, Any]
+
+    def factor(self, measurement: Measurement) -> float:
+        """The unit of a measurement's noise in SI, of a number itself."""
+        return UNITS[self.numbers[measurement.index].kind][measurement.table.unit]
+
+
+def read(config: configs.Config) -> Settings:
+    """The section [plan]; ConfigError for anything that is wrong in it."""
+    where = f"{config.path}, [plan]"
+    if "plan" not in config.tables:
+        raise ConfigError(f"{config.path}: there is no section [plan], which says what could be measured.")
+    table: PlanTable = configs.validated(PlanTable, config.tables["plan"], where)
+    names = [m.name for m in table.measurements]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"{where}: two measurements are called {name!r}; give each a name of its own.")
+    numbers = [varied(config.scenes, parameter.name, where) for parameter in table.parameters]
+    for parameter, number in zip(table.parameters, numbers, strict=True):
+        if parameter.spread is None and table.posterior is None:
+            raise ConfigError(
+                f"{where}: {number.key} has no spread and there is no posterior; say what is known of it, for instance "
+                "spread = 0.1."
+            )
+        if parameter.spread is not None and table.posterior is not None:
+            raise ConfigError(f"{where}: {number.key} has a spread beside the posterior; leave one of them out.")
+    models: dict[str, Any] = dict(config.scenes)
+    measurements = [_measurement(config, models, one, numbers, where) for one in table.measurements]
+    curves = [one.curve for one in measurements if one.curve is not None]
+    if not curves:
+        raise ConfigError(f"{where}: every measurement is of a number itself; there is nothing to plan.")
+    with located(where):
+        fitting = Fitting(models, _variables(config, models, table, numbers, where), curves)
+    criterion = table.criterion or ("decision" if table.decision else "D")
+    if criterion == "decision" and table.decision is None:
+        raise ConfigError(f'{where}: criterion is "decision", and there is no [plan.decision] that says which.')
+    decision = None if table.decision is None else _decision(config, table.decision, f"{where}, decision")
+    spreads = None if table.posterior else np.array([parameter.spread for parameter in table.parameters], float)
+    return Settings(
+        table,
+        fitting,
+        numbers,
+        spreads,
+        measurements,
+        decision,
+        criterion,
+        config.path.parent,
+        where,
+        dict(config.scenes),
+    )
+
+
+def _variables(
+    config: configs.Config, models: dict[str, Any], table: PlanTable, numbers: list[Varied], where: str
+) -> list[Variable]:
+    """The numbers, between bounds that lie far from what is known of them."""
+    pairs = zip(table.parameters, numbers, strict=True)
+    names = [model_name(config.scenes, models, parameter.name, number) for parameter, number in pairs]
+    found = []
+    for parameter, number, name in zip(table.parameters, numbers, names, strict=True):
+        values = Space(models, [Variable(name, 1.0, 2.0)]).reference
+        if np.size(values) != 1 or not values[0] > 0:
+            raise ConfigError(
+                f"{where}: {number.key} is {' '.join(f'{v / number.unit:g}' for v in values)}; it must be one number "
+                "above zero, since its spread is relative."
+            )
+        reach = float(np.exp(REACH * (parameter.spread or 1.0)))
+        found.append(Variable(name, values[0] / reach, values[0] * reach, "log"))
+    return found
+
+
+def _measurement(
+    config: configs.Config, models: dict[str, Any], table: MeasurementTable, numbers: list[Varied], where: str
+) -> Measurement:
+    place = f"{where}: measurement {table.name!r}"
+    given = [name for name in ("pressures_kPa", "strains", "number") if getattr(table, name) is not None]
+    if len(given) != 1:
+        raise ConfigError(
+            f"{place} must have one of pressures_kPa, strains and number; it has {' and '.join(given) or 'none'}."
+        )
+    if table.number is not None:
+        keys = [number.key for number in numbers]
+        if table.number not in keys:
+            raise ConfigError(
+                f"{place} measures {table.number!r}; it must be one of the parameters: {', '.join(keys)}."
+            )
+        index = keys.index(table.number)
+        _factor(table, numbers[index].kind, place)
+        return Measurement(table, None, index)
+    if table.quantity is None:
+        raise ConfigError(f"{place} says no quantity.")
+    is_test = table.strains is not None
+    model, (observable, kind, component) = measured_of(
+        config.scenes, models, table.scene, table.quantity, is_test, place
+    )
+    x = np.array(table.strains if is_test else [1e3 * p for p in table.pressures_kPa or []], float)
+    if np.any(x <= 0) or not np.all(np.isfinite(x)):
+        raise ConfigError(f"{place}: every pressure and strain must be above zero; the least is {x.min():g}.")
+    if len(np.unique(x)) < len(x):
+        raise ConfigError(f"{place} names a pressure or strain twice; say repeats = 2 to measure each twice.")
+    noise = table.noise * _factor(table, kind, place)
+    return Measurement(table, Curve(table.name, model, observable, kind, np.sort(x), np.ones(len(x)), component, noise))
+
+
+def _factor(table: MeasurementTable, kind: str, place: str) -> float:
+    """The unit of the noise in SI."""
+    if table.unit not in UNITS[kind]:
+        raise ConfigError(f"{place}: its unit is {table.unit!r}; it must be one of {', '.join(UNITS[kind])}.")
+    return UNITS[kind][table.unit]
+
+
+def _decision(config: configs.Config, table: DecisionTable, where: str) -> Decision:
+    found, unit = quantity(config.scenes, table.quantity, table.at, where)
+    if table.low is None and table.high is None:
+        raise ConfigError(
+            f"{where}: {table.quantity} has neither low nor high; what is decided is whether it keeps them."
+        )
+    low = -np.inf if table.low is None else table.low * unit
+    high = np.inf if table.high is None else table.high * unit
+    if not low < high:
+        raise ConfigError(f"{where}: low is {table.low:g} and high {table.high:g}; low must be below high.")
+    return Decision(found, unit, low, high, table.quantity)
