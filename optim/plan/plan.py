@@ -49,7 +49,7 @@ class Open:
         if len(self.names) > 1:
             what = f"cannot tell {' and '.join(self.names)} apart: it determines only {self.combination}"
         else:
-            what = f"does not determine {', '.join(self.names)}"
+            what = f"does not determine {' and '.join(self.names)}"
         for name, count, cost in self.remedies:
             return f"{who} {what}. The cheapest here that does: {name} ({count} of it, cost {cost:g})."
         return f"{who} {what}. What would: measuring {'one of them' if len(self.names) > 1 else 'it'} itself."
