@@ -57,7 +57,8 @@ def calibrate(
     """Fit mu, or any other numbers, to measured curves; or materials to a tension test.
 
     With --posterior the draws of NUTS are kept as posterior.nc, for `softgrip solve --posterior` and for the section
-    [design.uncertain] of a search; it needs pip install softgrip_jax[bayes].
+    [design.uncertain] of a search; of a tension test every material gets its leave-one-out score. It needs
+    pip install softgrip_jax[bayes].
 
     --workers and --scheduler spread the fits of a bootstrap; they need pip install softgrip_jax[cluster].
 

@@ -107,10 +107,10 @@ def test_the_density_is_that_of_scipy(erring):
         x, step = float(found.x[0]), 1e-5 * np.eye(3)[0]
         by_v = np.diff([float(erring.unknowns(jnp.asarray(w)).x[0]) for w in (v - step, v + step)])[0] / 2e-5
         assert space.low[0] < x < space.high[0]
-        sigma, delta = 0.05 * erring.fitting.sizes[0] * np.exp(v[1]), 0.1 * abs(v[2])
+        sigma, delta = 0.05 * erring.fitting.sizes[0] * np.exp(v[1]), 0.1 * np.exp(v[2])
         likelihood = stats.multivariate_normal(x * SHAPE, covariance(erring, sigma, delta)).logpdf(erring.y)
         prior = stats.lognorm(0.3, scale=150 * kPa).logpdf(x) + np.log(by_v)
-        prior += stats.halfnorm.logpdf(np.exp(v[1])) + v[1] + stats.norm.logpdf(v[2])
+        prior += sum(stats.halfnorm.logpdf(np.exp(u)) + u for u in v[1:])
         return likelihood + prior
 
     points = np.array([[-0.1, -1.0, -1.0], [0.0, -2.0, 0.5], [-0.4, 0.3, -3.0]])

@@ -59,7 +59,7 @@ def run_calibrate(
     if "tension" in configs.read_sections(config):
         if spread is not None:
             raise ConfigError(f"{config}, [tension]: its fits are few and run in one process; leave out --workers.")
-        return run_tension(config, out, console)
+        return run_tension(config, out, console, with_posterior)
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)

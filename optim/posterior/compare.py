@@ -19,6 +19,7 @@ from softgrip_jax.errors import ConfigError
 from softgrip_jax.tables import Table
 
 from .evidence import FAR, difference
+from .posterior import Posterior
 from .write import FILE, number
 
 LEAST, ERRORS = 4.0, 2.0
@@ -115,12 +116,29 @@ def compared(runs: Sequence[Run]) -> Compared:
     return Compared(tuple(runs[k] for k in ranks), scores[ranks], apart, lost)
 
 
+def run_of(name: str, found: Posterior) -> Run:
+    """The scores of a posterior that is at hand."""
+    density, fitting, at = found.density, found.fit.fitting, found.scores.points
+    curves = [fitting.curves[k].name for k in fitting.of_curve[at]]
+    errors = {}
+    for k in np.flatnonzero(density.sampled_delta):
+        low, middle, high = (float(v) for v in np.quantile(found.unknowns.delta[..., k], [0.025, 0.5, 0.975]))
+        errors[fitting.curves[k].name] = (low, middle, high)
+    points = tuple(zip(curves, fitting.x[at].tolist(), density.y[at].tolist(), strict=True))
+    return Run(name, points, found.scores.elpd, found.scores.shape, errors, found.diagnosis.usable)
+
+
 def run_evidence(paths: Sequence[Path], as_json: bool, console: Console) -> dict[str, Any]:
     """Compare the runs and print it; plain data of it."""
     names = [str(path) for path in paths]
     found = compared([read_run(path, name) for path, name in zip(paths, names, strict=True)])
     if not as_json:
         report(found, console)
+    return as_data(found)
+
+
+def as_data(found: Compared) -> dict[str, Any]:
+    """Plain data, for JSON."""
     return {
         "runs": {
             run.name: {
@@ -162,7 +180,9 @@ def report(found: Compared, console: Console) -> None:
         rough = int(np.sum(run.shape > FAR))
         if rough:
             console.print(
-                f"{run.name}: {rough} scores are rough (Pareto k above {FAR:g}).", soft_wrap=True, highlight=False
+                f"{run.name}: {rough} of {len(run.shape)} scores are rough (Pareto k above {FAR:g}).",
+                soft_wrap=True,
+                highlight=False,
             )
         if not run.usable:
             console.print(

@@ -51,8 +51,11 @@ LEAST_SIZE = 0.1
 """The size of a model's error does not fall below that at this part of the curve: it may begin at the wrong
 pressure."""
 
-LEAST_PRECISION = 1e-2
-"""Of the logit of a parameter, where its prior alone has less."""
+EDGE = 0.05
+"""The map of a parameter between its bounds bends within this part of its range from them."""
+
+LEAST_PRECISION = 1.0
+"""Of the coordinate of a parameter, as a part of its range, where its prior alone has less."""
 
 PARTS = ("shell", "finger", "gripper", "material")
 """Numbers below a part of these names are those of a specimen; the others are those of the test."""
@@ -89,18 +92,55 @@ class Asked:
 
 
 @dataclasses.dataclass(frozen=True)
+class Bounded:
+    """A smooth map of the real line between bounds, close to the identity but near them.
+
+        u = low + d log((1 + e^((t - low)/d)) / (1 + e^((t - high)/d))),   d = (high - low) / 20
+
+    What is straight between the bounds stays so: in logarithms, of which this is used, the valley of two parameters
+    whose product alone is known.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def _scaled(self) -> np.ndarray:
+        return EDGE * (self.high - self.low)
+
+    def __call__(self, t: Array) -> Array:
+        """u of t."""
+        d = self._scaled
+        return self.low + d * (jax.nn.softplus((t - self.low) / d) - jax.nn.softplus((t - self.high) / d))
+
+    def log_slope(self, t: Array) -> Array:
+        """log du/dt."""
+        d = self._scaled
+        return (
+            jax.nn.log_sigmoid((t - self.low) / d)
+            + jax.nn.log_sigmoid((self.high - t) / d)
+            + np.log1p(-np.exp(-1 / EDGE))
+        )
+
+    def inverse(self, u: np.ndarray) -> np.ndarray:
+        """t of u, between the bounds."""
+        d = self._scaled
+        return self.low + d * (np.log(np.expm1((u - self.low) / d)) - np.log1p(-np.exp((u - self.high) / d)))
+
+
+@dataclasses.dataclass(frozen=True)
 class Linear:
     """The models, and the prior of the parameters, linear around the fit."""
 
     centre: np.ndarray
-    """Logits of the parameters, then logarithms of the specimens over `between`."""
+    """Coordinates of the parameters, then logarithms of the specimens over `between`."""
     values: np.ndarray
     jacobian: np.ndarray
     slope: np.ndarray
     precision: np.ndarray
-    """Derivatives of the logarithm of the prior by the logits: first, and minus the second."""
+    """Derivatives of the logarithm of the prior by the coordinates: first, and minus the second."""
     log: np.ndarray
-    """Of the logarithms of the parameters that vary, by their logits."""
+    """Derivatives of the logarithms of the parameters that vary, by their coordinates."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,8 +157,7 @@ class Density:
     """The posterior density of a fit's parameters.
 
     A point is v, one real number for each unknown: parameters and specimens, counted from what linear models say of
-    them given tau, sigma and delta; the logarithms of tau and sigma as parts of their priors' scales; and delta as a
-    part of that of its own. That may be negative, since its square alone counts: the density is smooth through zero.
+    them given tau, sigma and delta; then the logarithms of those as parts of their priors' scales.
 
     Args:
         fit: the least-squares fit: it says which points have an equilibrium, and where the sampling begins.
@@ -155,7 +194,15 @@ class Density:
         cuts = np.cumsum([0, self.n + count * v, v, self.sampled_noise.sum(), self.sampled_delta.sum()])
         self._cuts = [slice(int(a), int(b)) for a, b in itertools.pairwise(cuts)]
         self.size = int(cuts[-1])
+        self.logs = space.low > 0
+        ends = np.where(self.logs, np.log(np.where(self.logs, [space.low, space.high], 1.0)), [space.low, space.high])
+        self.bounded = Bounded(*ends)
         self._linear = self._linearised()
+
+    def _x(self, t: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Parameters in SI from their coordinates."""
+        u = self.bounded(t)
+        return jnp.where(self.logs, jnp.exp(jnp.where(self.logs, u, 0.0)), u)
 
     def _linearised(self) -> Linear:
         """The models around the fit: of each specimen, around its fit alone."""
@@ -172,9 +219,9 @@ class Density:
             values[at] = np.asarray(predicted.response.values)[at]
             slopes[at] = np.asarray(predicted.slopes)[at]
             rows.append(np.log(np.abs(x[own])) / self.between if self.between > 0 else np.zeros(len(own)))
-        t = space.inside(space.to_unit(fit.x))
-        middle = np.log(t / (1 - t))
-        by_t = np.asarray(jax.jacfwd(lambda t: space.from_unit(jax.nn.sigmoid(t)))(jnp.asarray(middle)))
+        inner = space.from_unit(jnp.asarray(space.inside(space.to_unit(fit.x))))
+        middle = self.bounded.inverse(np.where(self.logs, np.log(np.where(self.logs, inner, 1.0)), inner))
+        by_t = np.asarray(jax.jacfwd(lambda t: self._x(t))(jnp.asarray(middle)))
         jacobian = np.zeros((len(self.y), self.n + len(own) * len(self.specimens)))
         if not self.specimens:
             jacobian[:, : self.n] = slopes @ by_t
@@ -187,7 +234,7 @@ class Density:
                 jacobian[i, place : place + len(own)] = slopes[i, own] * size
         slope = np.asarray(jax.grad(self._log_prior_of_t)(jnp.asarray(middle)))
         bend = np.asarray(jax.hessian(self._log_prior_of_t)(jnp.asarray(middle)))
-        precision = np.maximum(-np.diag(bend), LEAST_PRECISION)
+        precision = np.maximum(-np.diag(bend), LEAST_PRECISION / (self.bounded.high - self.bounded.low) ** 2)
         centre = np.concatenate([middle, *rows])
         log = np.diag(by_t)[own] / fit.x[own]
         return Linear(centre, values, jacobian, slope, precision, log)
@@ -220,11 +267,11 @@ class Density:
         return jnp.asarray(linear.centre) + jax.scipy.linalg.cho_solve((root, True), pull), root
 
     def _split(self, v: Float[Array, " V"], y: Array | None) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-        """(t, logarithms of the specimens over `between`, (tau, sigma, delta)) of a point."""
+        """(coordinates of the parameters, those of the specimens, (tau, sigma, delta)) of a point."""
         e, tau, noise, delta = (v[cut] for cut in self._cuts)
         noises = self.noise_scales[self.sampled_noise] * jnp.exp(noise)
         sigma = jnp.asarray(self.noise_scales).at[np.flatnonzero(self.sampled_noise)].set(noises)
-        sizes = self.discrepancy * jnp.abs(delta)
+        sizes = self.discrepancy * jnp.exp(delta)
         errors = jnp.zeros(len(self.errors)).at[np.flatnonzero(self.sampled_delta)].set(sizes)
         h = (self.between * jnp.exp(tau), sigma, errors)
         mean, root = self._affine(h, jnp.asarray(self.y) if y is None else y)
@@ -234,29 +281,27 @@ class Density:
     def unknowns(self, v: Float[Array, " V"], y: Array | None = None) -> Unknowns:
         """A point in SI; y: other data than those of the fit."""
         t, own, (tau, sigma, delta) = self._split(v, y)
-        x = self.fitting.space.from_unit(jax.nn.sigmoid(t))
+        x = self._x(t)
         rows = jnp.broadcast_to(x, (max(len(self.specimens), 1), self.n))
         if self.specimens:
             rows = rows.at[:, np.flatnonzero(self.varying)].set(jnp.exp(self.between * own))
         return Unknowns(x, rows, tau, sigma, delta)
 
     def _log_prior_of_t(self, t: Float[Array, " n"]) -> Float[Array, ""]:
-        """Of the parameters, by the logits of their places between the bounds."""
-        space = self.fitting.space
-        x = space.from_unit(jax.nn.sigmoid(t))
-        total = jnp.sum(jax.nn.log_sigmoid(t) + jax.nn.log_sigmoid(-t))
-        total += jnp.sum(jnp.where(space.is_log, jnp.log(jnp.abs(x)), 0.0))
+        """Of the parameters, by their coordinates."""
+        x = self._x(t)
+        total = jnp.sum(self.bounded.log_slope(t) + jnp.where(self.logs, jnp.log(jnp.abs(x)), 0.0))
         return total + sum(prior.log_density(x[j]) for j, prior in enumerate(self.priors))
 
     def log_prior(self, v: Float[Array, " V"], y: Array | None = None) -> Float[Array, ""]:
         """Logarithm of the prior density by v."""
         t, own, h = self._split(v, y)
         _, tau, noise, delta = (v[cut] for cut in self._cuts)
-        total = self._log_prior_of_t(t) - 0.5 * jnp.sum(delta**2)
-        for scaled in (tau, noise):
+        total = self._log_prior_of_t(t)
+        for scaled in (tau, noise, delta):
             total += jnp.sum(scaled - 0.5 * jnp.exp(2 * scaled))
         if self.specimens:
-            x = self.fitting.space.from_unit(jax.nn.sigmoid(t))[self.varying]
+            x = self._x(t)[self.varying]
             apart = (self.between * own - jnp.log(x)[None, :]) / h[0][None, :]
             total -= jnp.sum(0.5 * apart**2 + tau[None, :])
         return total - jnp.sum(jnp.log(jnp.diag(self._affine(h, jnp.asarray(self.y) if y is None else y)[1])))
@@ -340,7 +385,7 @@ class Density:
         sigma = np.maximum(np.asarray(self.fit.member.sigma), 1e-3 * self.noise_scales)
         v[self._cuts[2]] = np.log(sigma / self.noise_scales)[self.sampled_noise]
         scale[self._cuts[2]] = 0.3
-        v[self._cuts[3]], scale[self._cuts[3]] = 0.3, 0.1
+        v[self._cuts[3]], scale[self._cuts[3]] = np.log(0.3), 0.5
         return v, scale
 
 

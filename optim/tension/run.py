@@ -8,6 +8,8 @@
     compare_percent = [25, 50, 100, 200]        # windows in which the neo-Hookean mu is compared
     materials = ["NeoHookean", "Yeoh"]          # left out: all of them
 
+    posterior = true                            # their leave-one-out scores, too
+
 Every material is fitted by least squares in the window, and they are compared by Akaike's criterion in its corrected
 form (Hurvich and Tsai 1989), n ln(SSR/n) + 2 K + 2 K (K + 1) / (n - K - 1) with K parameters, the noise among them: the
 lowest is the best, and a difference of ten leaves little doubt. The points of one test follow each other, so it tends
@@ -34,7 +36,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Table
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.folders import new_folder
-from softgrip_jax.progress import stages
+from softgrip_jax.progress import Tell, stages
 from softgrip_jax.report.run import write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table as PrintedTable
@@ -44,6 +46,11 @@ from ..calibration.data import Curve
 from ..calibration.fit import Fit
 from ..calibration.provenance import material_text, provenance
 from ..calibration.settings import ColumnTable, column, read_specimens
+from ..posterior.compare import Run, as_data, compared, run_of
+from ..posterior.compare import report as report_evidence
+from ..posterior.posterior import posterior
+from ..posterior.priors import Sampling, weak
+from ..posterior.sample import extra
 from ..records import summary, versions
 from .compare import COMPARED, DEPENDS, SOFT, STIFF, TEST, Comparison, FittedMaterial, compare
 from .test import BEYOND, CANDIDATES
@@ -59,6 +66,7 @@ class TensionTable(Table):
     window_percent: float | None = pydantic.Field(default=None, gt=0)
     compare_percent: list[float] | None = None
     seed: int = pydantic.Field(default=0, ge=0)
+    posterior: bool = False
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
@@ -75,8 +83,8 @@ def read(path: Path) -> tuple[TensionTable, Curve]:
     return table, Curve("tension test", TEST, "stress", "pressure", **found)
 
 
-def run_tension(config: Path, out: Path | None, console: Console) -> Path:
-    """Compare materials as the config says; the folder that holds it."""
+def run_tension(config: Path, out: Path | None, console: Console, with_posterior: bool = False) -> Path:
+    """Compare materials as the config says; the folder that holds it. with_posterior: whatever the config says."""
     table, curve = read(config)
     given = configs.standalone(config)
     largest = float(curve.x.max())
@@ -86,19 +94,39 @@ def run_tension(config: Path, out: Path | None, console: Console) -> Path:
         windows.append(largest)
     with new_folder(out, config.stem) as (folder, final):
         with located(f"{config}, [tension]"), stages(console) as tell:
+            evidence = None
+            if table.posterior or with_posterior:
+                extra()
             found = compare(curve, table.materials, min(window, largest), windows, table.seed, tell)
+            if (table.posterior or with_posterior) and len(found.judged) > 1:
+                evidence = compared([_scored(one, table.seed, tell) for one in found.judged])
         remarks = verdicts(found)
         comment = "\n".join([provenance(config.name), *_words_of(found)])
         (folder / "config.toml").write_bytes(given)
         (folder / "material.toml").write_text(material_text(found.chosen.material, comment), encoding="utf-8")
         _write_table(folder / "materials.csv", found)
-        (folder / "result.json").write_text(json.dumps(_summary(found, remarks), indent=2), encoding="utf-8")
+        result = _summary(found, remarks) | ({} if evidence is None else {"evidence": as_data(evidence)})
+        (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
         draw(found, folder / "fit.png")
         write_report(folder, final.name)
     report(found, remarks, console)
+    if evidence is not None:
+        report_evidence(evidence, console)
     command = 'material = "material.toml" in a config in this folder.'
     console.print(summary("fit", final, command), soft_wrap=True)
     return final
+
+
+def _scored(one: FittedMaterial, seed: int, tell: Tell) -> Run:
+    """A material's leave-one-out scores, its constants with wide priors around their first guesses."""
+    space = one.fit.fitting.space
+    priors = [weak(space, j) for j in range(space.size)]
+    priors = [dataclasses.replace(p, spread=WIDE_SPREAD) if p.distribution == "lognormal" else p for p in priors]
+    return run_of(one.name, posterior(one.fit, priors, Sampling(seed=seed), tell))
+
+
+WIDE_SPREAD = 2.0
+"""Of the logarithm of a constant: a factor of seven."""
 
 
 def verdicts(found: Comparison) -> list[str]:
