@@ -270,6 +270,7 @@ def test_a_free_finger_bends_as_one_cell_does():
     assert found.end_moment == pytest.approx(-float(cell_at(finger("A"), 0.0, 15 * kPa)["moment"]), rel=1e-9)
 
 
+@pytest.mark.slow  # compiles a finger of four segments
 def test_equal_segments_are_a_uniform_finger():
     uniform = finger("A")
     count = 4

@@ -89,6 +89,7 @@ def few(model):
     return model.numerics == "explicit" or (model.left_out, model.numerics.split()[0]) in kept
 
 
+@pytest.mark.slow  # compiles every model of the ladder
 def test_estimates_bound_the_error_at_random_fingers():
     """Against SciPy, at the tip force; the truth of a few lanes, each by another code, to 1e-9."""
     cases = random_fingers(np.random.default_rng(3), 8)

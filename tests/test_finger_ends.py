@@ -66,7 +66,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name == "walls closed" else ()) for name in CASES]
+)
 def test_the_limit_is_where_the_model_ends(name):
     """Against SciPy on the thesis's equations, its derivative by the wall's thickness, and the labels next to it."""
     numbers, options, why, wanted = CASES[name]

@@ -324,7 +324,7 @@ high = 2
     ("goal", "command"),
     [
         pytest.param('maximise = "plane.limit_pressure_kPa"', "path", marks=pytest.mark.slow),
-        ('minimise = "plane.stretch"\nat = { force_N = 2 }', "solve"),
+        pytest.param('minimise = "plane.stretch"\nat = { force_N = 2 }', "solve", marks=pytest.mark.slow),
     ],
 )
 def test_of_several_scenes_the_next_command_names_one(goal, command, tmp_path, capfd):

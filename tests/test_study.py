@@ -413,6 +413,7 @@ for name in one:
 """
 
 
+@pytest.mark.slow  # a process of its own with several devices
 def test_several_devices_share_a_block():
     """The same bits as on one, and each device has its part."""
     flags = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=4", "JAX_PLATFORMS": "cpu"}
