@@ -59,7 +59,7 @@ class CalibrateTab:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.file = pn.widgets.FileDropper(
-            multiple=False, max_file_size=f"{LARGEST // 1024}KB", max_files=1, height=70, sizing_mode="stretch_width"
+            multiple=False, max_file_size=f"{LARGEST // 1024}KB", max_files=1, height=105, sizing_mode="stretch_width"
         )
         self.x_column = pn.widgets.Select(name="column of the pressure", options=[], width=190)
         self.x_unit = pn.widgets.Select(name="unit", options=list(UNITS["pressure"]), width=80)
@@ -256,10 +256,9 @@ class CalibrateTab:
         table = table_html(["", "start", "fit", *(WORDS[one.method] for one in findings.intervals)], rows)
         said = "".join(f"<li>{escape(remark)}</li>" for remark in findings.remarks)
         self.table.object = f'{table}<ul class="sg-doc">{said}</ul>'
-        self.pictures.objects = [
-            side_by_side(fitted_figure(findings, band)),
-            side_by_side(residuals_figure(findings)),
-        ]
+        fitted, residuals = fitted_figure(findings, band), residuals_figure(findings)
+        residuals.x_range = fitted.x_range
+        self.pictures.objects = [side_by_side(fitted), side_by_side(residuals)]
 
 
 def header_of(text: str, name: str) -> list[str]:

@@ -17,6 +17,8 @@ from ..space import Variable
 
 SCENE = "scene"
 """What the one scene of a page is called in a search or a fit."""
+WRAPPED = ".bk-input-group { flex-wrap: wrap; }"
+"""Boxes beside each other go on in the next line, as words do."""
 
 
 def movable(session: Session) -> dict[str, list[Number]]:
@@ -59,7 +61,11 @@ class Ticks:
     def __init__(self, page: Page, title: str):
         self.session = page.session
         self.boxes = pn.widgets.CheckBoxGroup(
-            options=list(movable(self.session)), inline=True, name=title, sizing_mode="stretch_width"
+            options=list(movable(self.session)),
+            inline=True,
+            name=title,
+            sizing_mode="stretch_width",
+            stylesheets=[WRAPPED],
         )
         self.ranges = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.boxes.param.watch(lambda event: self.show_ranges(), "value")

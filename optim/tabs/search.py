@@ -163,7 +163,9 @@ class SearchTab:
         self.asked: Asked | None = None
         self.problem: Problem | None = None
         self.found: SearchResult | None = None
+        self.first: Frame | None = None
         self.frame: Frame | None = None
+        """The batch at its first step, and as it is shown now."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.ticks = Ticks(page, "what may move")
@@ -182,6 +184,7 @@ class SearchTab:
         self.shape = Shape()
         self.table = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.points = ColumnDataSource({"x": [], "y": [], "colour": []})
+        self.first_points = ColumnDataSource({"x": [], "y": []})
         self.best_point = ColumnDataSource({"x": [], "y": []})
         self.chart = pn.Column(sizing_mode="stretch_width", styles={"flex": "1 1 380px"}, min_width=260)
         self.shape.panel.styles = {"flex": "1 1 380px"}
@@ -225,12 +228,12 @@ class SearchTab:
         except InputError as error:
             self.line.say(str(error), True)
             return
-        self.found, self.frame = None, None
+        self.found, self.first, self.frame = None, None, None
         self._stop.clear()
         self.stop_button.disabled, self.open_button.disabled = False, True
         self.table.object = ""
         self.across.param.update(options=problem.space.names, value=problem.space.names[0], visible=True)
-        self._chart_again()
+        self.chart.objects = []
         self.line.say(f"compiling {asked.starts} designs at once; the first step comes after it ...")
         self._thread = self.page.in_background(partial(self._search, asked, problem))
 
@@ -252,6 +255,8 @@ class SearchTab:
         target = typed(self.target.value, kind, "The target") if KINDS[self.goal.value].has_target else None
         pressure = None if session.own_task else session.values[PRESSURE]
         at = REQUIRED if pressure is None else pressure
+        if observable == "pressure" and pressure is not None:
+            raise InputError("The pressure is that of its slider; tick the box of the own task to search for it.")
         return Asked(
             session.current(),
             tuple(self.ticks.keys),
@@ -365,7 +370,7 @@ class SearchTab:
 
     def _chart_again(self) -> None:
         """A figure over another variable."""
-        if self.asked is None or self.problem is None or self.across.value is None:
+        if self.asked is None or self.problem is None or self.first is None or self.frame is None:
             return
         asked, space = self.asked, self.problem.space
         place = list(self.across.options).index(self.across.value)
@@ -376,26 +381,39 @@ class SearchTab:
             x_axis_type="log" if space.is_log[place] else "linear",
             x_range=(space.low[place] / self._unit, space.high[place] / self._unit),
         )
-        self.points.data, self.best_point.data = {"x": [], "y": [], "colour": []}, {"x": [], "y": []}
+        self.first_points.data = dict(zip("xy", self._places(self.first), strict=True))
+        self._fill(self.frame)
+        made.scatter("x", "y", source=self.first_points, size=5, color="#C4C4C4")
         made.scatter("x", "y", source=self.points, size=6, color="colour", alpha=0.6)
         made.scatter("x", "y", source=self.best_point, size=14, marker="star", color=VERMILION)
         words = pn.pane.HTML(
-            '<span class="sg-doc">blue: keeps all limits and rules; ochre: breaks one; star: the best. A design '
-            "without equilibrium is not drawn.</span>",
+            '<span class="sg-doc">grey: the first step; blue: keeps all limits and rules; ochre: breaks one; star: '
+            "the best. A design without equilibrium is not drawn.</span>",
             stylesheets=[CSS],
             sizing_mode="stretch_width",
         )
         self.chart.objects = [pn.pane.Bokeh(made, sizing_mode="stretch_width"), words]
-        if self.frame is not None:
-            self._show_frame(self.frame)
 
     def _show_frame(self, frame: Frame) -> None:
         self.frame = frame
-        if self.asked is None:
-            return
+        if self.first is None:
+            self.first = frame
+            self._chart_again()
+        else:
+            self._fill(frame)
+
+    def _places(self, frame: Frame) -> tuple[np.ndarray, np.ndarray]:
+        """x and y of the designs that have a value, in the units of the axes."""
+        assert self.asked is not None
+        shown = np.isfinite(frame.value)
+        return frame.x[shown, self._place] / self._unit, frame.value[shown] / DISPLAY[self.asked.kind][1]
+
+    def _fill(self, frame: Frame) -> None:
+        assert self.asked is not None
+        x, y = self._places(frame)
+        states = frame.state[np.isfinite(frame.value)]
+        self.points.data = {"x": x, "y": y, "colour": [COLOURS[int(k)] for k in states]}
         x, y = frame.x[:, self._place] / self._unit, frame.value / DISPLAY[self.asked.kind][1]
-        shown = (frame.state != UNANSWERED) & np.isfinite(y)
-        self.points.data = {"x": x[shown], "y": y[shown], "colour": [COLOURS[int(k)] for k in frame.state[shown]]}
         best = [frame.best] if frame.best >= 0 else []
         where: Any = {"x": x[best], "y": y[best]}
         if self.found is not None and self.found.best.answered:

@@ -45,8 +45,8 @@ MOST_POINTS, MOST_LINES = 4000, 800
 apart."""
 MOST_AXES = 10
 """Parallel ones."""
-BINS = 30
-"""Of a map, along each side."""
+A_CELL, MOST_BINS = 6, 40
+"""Designs in a cell of a map on average, and cells along each side at most."""
 NARROW = 40
 """A grid of so few values along a side has a cell for each."""
 COLOURS = {
@@ -56,6 +56,8 @@ COLOURS = {
     Status.IMPOSSIBLE: "#CC79A7",
     Status.NOT_CONVERGED: "#000000",
 }
+LARGE, SMALL, FEW = 8, 5, 1500
+"""Sizes of points, of so many and of more."""
 SEEN, FAINT = 0.85, 0.05
 """How dark a point is between the marks on the parallel axes, and elsewhere."""
 
@@ -214,7 +216,8 @@ def edges_of(study: Studied, name: str) -> np.ndarray:
         middle = 0.5 * (values[1:] + values[:-1])
         return np.concatenate([[2 * values[0] - middle[0]], middle, [2 * values[-1] - middle[-1]]])
     low, high = float(values[0]), float(values[-1])
-    return np.linspace(low, high, BINS + 1) if high > low else np.array([0.9 * low, 1.1 * low + (low == 0)])
+    bins = int(np.clip(np.sqrt(designs_in(study.data) / A_CELL), 3, MOST_BINS))
+    return np.linspace(low, high, bins + 1) if high > low else np.array([0.9 * low, 1.1 * low + (low == 0)])
 
 
 def binned_mean(study: Studied, x: str, y: str, value: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -392,9 +395,12 @@ class StudyTab:
             "colour": [COLOURS[Status(int(s))] for s in statuses],
             "alpha": self._alpha(),
         }
-        made.scatter("x", "y", source=self.points, size=8, color="colour", alpha="alpha", legend_group="status")
+        size = LARGE if study.count < FEW else SMALL
+        made.scatter("x", "y", source=self.points, size=size, color="colour", alpha="alpha", legend_group="status")
         made.add_tools(TapTool(), HoverTool(tooltips=[("across", "@x"), ("up", "@y"), ("status", "@status")]))
-        made.legend.background_fill_alpha = 0.6
+        words = made.legend[0]
+        words.orientation, words.border_line_color, words.padding = "horizontal", None, 0
+        made.add_layout(words, "above")
         self.scatter.objects = [pn.pane.Bokeh(made, sizing_mode="stretch_width")]
 
     def _alpha(self) -> np.ndarray:
@@ -453,8 +459,8 @@ def parallel_axes(study: Studied) -> dict[str, Any]:
         for name, column in zip(names, columns, strict=True)
     ]
     line = {"color": columns[names.index(study.quantities[0])][kept].tolist(), "colorscale": "Viridis"}
-    layout = {"margin": {"l": 70, "r": 50, "t": 60, "b": 20}, "font": {"size": 11}, "autosize": True}
-    return {"data": [{"type": "parcoords", "line": line, "dimensions": axes, "labelangle": -12}], "layout": layout}
+    layout = {"margin": {"l": 60, "r": 80, "t": 80, "b": 20}, "font": {"size": 11}, "autosize": True}
+    return {"data": [{"type": "parcoords", "line": line, "dimensions": axes, "labelangle": -20}], "layout": layout}
 
 
 def map_figure(

@@ -99,4 +99,5 @@ def chart(x_label: str, y_label: str, height: int = 330, **further: Any) -> Any:
 
 def side_by_side(made: Any) -> Any:
     """A figure that stands beside others where there is room, and beneath them on a telephone."""
-    return pn.pane.Bokeh(made, sizing_mode="stretch_width", styles={"flex": "1 1 380px"}, min_width=260)
+    shown = pn.pane.Bokeh(made, sizing_mode="stretch_width")
+    return pn.Column(shown, sizing_mode="stretch_width", styles={"flex": "1 1 380px"}, min_width=260)
