@@ -76,7 +76,8 @@ def test_a_search_finds_what_optim_finds(page, monkeypatch):
     tab = search_tab(page)
     frames = []
     tab.points.on_change("data", lambda attribute, old, new: frames.append(len(new["x"])))
-    monkeypatch.setattr("optim.tabs.search.POINTS_SECONDS", 0.0)
+    for name in ("POINTS_SECONDS", "STEP_SECONDS"):
+        monkeypatch.setattr(f"optim.tabs.search.{name}", 0.0)
     tab.run()
     assert tab.is_running
     tab.run()

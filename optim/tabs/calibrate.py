@@ -235,7 +235,7 @@ class CalibrateTab:
 
     def _say(self, sentence: str) -> None:
         if not self._stop.is_set() and self.findings is None:
-            self.line.say(sentence)
+            self.line.progress(sentence)
 
     def _end(self, sentence: str, is_wrong: bool = False) -> None:
         self.stop_button.disabled = True

@@ -42,6 +42,8 @@ STEPS = 100
 """As `softgrip design` does."""
 POINTS_SECONDS = 0.1
 """Between two pictures of the points: more often nobody sees."""
+STEP_SECONDS = 0.025
+"""A step takes so long at least. A shell's takes 5 ms, and a search that is over in half a second is not seen."""
 SHAPE_SECONDS = 1.0
 """Between two pictures of the best shape, which is solved for it."""
 UNANSWERED, BREAKING, KEEPING = 0, 1, 2
@@ -298,7 +300,7 @@ class SearchTab:
             Newest(self.page, self.shape.show),
             Newest(self.page, self._say),
         )
-        began, drawn = time.monotonic(), {"points": 0.0, "shape": 0.0, "value": np.nan}
+        began, drawn = time.monotonic(), {"step": 0.0, "points": 0.0, "shape": 0.0, "value": np.nan}
         batch: list[Batch] = []
 
         def make(problem: Problem, chunk: int) -> Evaluator:
@@ -306,7 +308,9 @@ class SearchTab:
             return WatchedEvaluator(batch[0], self._stop, problem, chunk)
 
         def report(step: int, best: float, feasible: int, moving: int) -> None:
-            now, seen = time.monotonic(), batch[0]
+            time.sleep(max(0.0, STEP_SECONDS - (time.monotonic() - drawn["step"])))
+            drawn["step"] = now = time.monotonic()
+            seen = batch[0]
             if now - drawn["points"] < POINTS_SECONDS and moving and step < STEPS:
                 return
             drawn["points"] = now
@@ -342,7 +346,7 @@ class SearchTab:
 
     def _say(self, sentence: str) -> None:
         if not self._stop.is_set() and self.found is None:
-            self.line.say(sentence)
+            self.line.progress(sentence)
 
     def _end(self, sentence: str, is_wrong: bool = False) -> None:
         self.stop_button.disabled = True

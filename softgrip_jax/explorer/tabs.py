@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from html import escape
 from typing import Any
@@ -15,6 +16,9 @@ from ..geometry import Section
 from .looks import View, _plain
 from .page import CSS, Page
 
+READ_SECONDS = 3.0
+"""A sentence about something wrong stays so long before progress takes its place."""
+
 
 class Line:
     """A line that says how far the work is, or what is wrong."""
@@ -23,10 +27,16 @@ class Line:
         self.pane = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.text = ""
         self.is_wrong = False
+        self._read_until = 0.0
+
+    def progress(self, sentence: str) -> None:
+        """Say how far the work is, but where people still read what was wrong."""
+        if not (self.is_wrong and time.monotonic() < self._read_until):
+            self.say(sentence)
 
     def say(self, sentence: str, is_wrong: bool = False) -> None:
         """Show a sentence."""
-        self.text, self.is_wrong = sentence, is_wrong
+        self.text, self.is_wrong, self._read_until = sentence, is_wrong, time.monotonic() + READ_SECONDS
         classes = "sg-told sg-wrong" if is_wrong else "sg-told"
         self.pane.object = f'<div class="{classes}" role="status">{escape(sentence) or "&nbsp;"}</div>'
 
