@@ -271,19 +271,40 @@ def test_a_pin_is_compared(page):
     assert row.inner_text().split() == ["shell.a_mm", "16", "15"]
 
 
-def test_it_works_by_keyboard_alone(page):
-    """Tab leads to every slider and box; keys move them; the tabs beneath are reached, too."""
-    active = """() => { let e = document.activeElement;
-      while (e && e.shadowRoot && e.shadowRoot.activeElement) e = e.shadowRoot.activeElement;
-      return e ? `${e.tagName.toLowerCase()}.${e.className}` : ''; }"""
-    seen = []
-    for _ in range(60):
+ACTIVE = """() => {
+  let e = document.activeElement;
+  while (e && e.shadowRoot && e.shadowRoot.activeElement) e = e.shadowRoot.activeElement;
+  return e ? `${e.tagName.toLowerCase()} ${e.className} ${e.type || ''} ${e.textContent.trim()}` : '';
+}"""
+
+
+def tab_to(page, words):
+    """Press Tab until something is reached; returns what was passed."""
+    passed = []
+    while not passed or words not in passed[-1]:
         page.keyboard.press("Tab")
-        seen.append(page.evaluate(active))
-    assert sum("noUi-handle" in one for one in seen) == page.locator(".noUi-handle").count()
-    assert sum(one.startswith("input") for one in seen) >= page.locator(".noUi-handle").count()
-    assert any(one.startswith("select") for one in seen)
-    assert any("bk-tab" in one for one in seen)
+        passed.append(page.evaluate(ACTIVE))
+        assert len(passed) < 80, f"{words} is not reached"
+    return passed
+
+
+def test_it_works_by_keyboard_alone(page):
+    """Every slider and box is reached; a search is asked for, run and opened without a mouse."""
+    passed = tab_to(page, "Search from here")
+    count = page.locator(".noUi-handle").count()
+    assert sum("noUi-handle" in one for one in passed) == count
+    assert sum(one.startswith("input") for one in passed) >= count
+    page.keyboard.press("Enter")
+    for _ in range(3):
+        tab_to(page, "checkbox")
+    page.keyboard.press("Space")  # the third: shell.t_m_mm
+    page.get_by_text("between the ends of the sliders: shell.t_m_mm from").wait_for(timeout=10_000)
+    tab_to(page, " run")
+    page.keyboard.press("Enter")
+    page.get_by_text("Done after").wait_for(timeout=120_000)
+    tab_to(page, "open best")
+    page.keyboard.press("Enter")
+    playwright.expect(box(page, 3)).not_to_have_value("1.1", timeout=10_000)
 
 
 CONTRASTS = """() => {
@@ -348,6 +369,10 @@ def test_a_killed_server_comes_back(browser, tmp_path):
         assert "The explorer is at" in server.stdout.readline()
         return server
 
+    def kill(server):
+        server.kill()
+        server.communicate()
+
     server = started()
     try:
         shown = browser.new_page()
@@ -357,13 +382,11 @@ def test_a_killed_server_comes_back(browser, tmp_path):
         tick(shown, "shell.t_m_mm")
         press(shown, "run")
         shown.get_by_text("compiling").first.wait_for(timeout=10_000)
-        server.kill()
-        server.wait()
+        kill(server)
         shown.locator("#softgrip-gone").wait_for(timeout=15_000)
         server = started()
         shown.locator("#softgrip-gone").wait_for(state="detached", timeout=30_000)
         shown.wait_for_selector(".bk-Figure canvas", timeout=60_000)
         shown.close()
     finally:
-        server.kill()
-        server.wait()
+        kill(server)

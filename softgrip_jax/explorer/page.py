@@ -67,6 +67,17 @@ setInterval(async () => {
 """
 """The page asks once a second whether its server is there, says so where it is not, and loads again once it is."""
 
+KEYS = """
+document.addEventListener('keydown', (event) => {
+  const at = event.composedPath()[0];
+  if ((event.key === 'Enter' || event.key === ' ') && at.classList && at.classList.contains('bk-tab')) {
+    event.preventDefault();
+    at.click();
+  }
+});
+"""
+"""Bokeh's tabs are reached by keyboard and listen to the mouse alone: Enter and Space click them."""
+
 
 def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] = ("n",)) -> str:
     """A table; nothing in it is taken for HTML."""
@@ -547,7 +558,7 @@ def page_of(make: Callable[[], Session]) -> Any:
     document = pn.state.curdoc
     if document is not None:
         document.title = "softgrip explore"
-        document.js_on_event("document_ready", CustomJS(code=GONE))
+        document.js_on_event("document_ready", CustomJS(code=GONE + KEYS))
 
         def end(context: Any) -> None:
             page.work.close()
