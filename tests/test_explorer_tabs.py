@@ -104,6 +104,10 @@ def test_a_search_finds_what_optim_finds(page, monkeypatch):
     found = sg.solve(page.session.current(), 15 * kPa)
     assert float(found.force) == pytest.approx(direct.best.values[0], rel=1e-9)
     assert list(tab.ticks.boxes.value) == [WALL, GAP]
+    # A search from there has the same programs: all that differs are numbers that move.
+    assert tab.ask().about() == tab.asked.about() != ""
+    page.session.type_in("shell.material.mu_kPa", "176")
+    assert tab.ask().about() != tab.asked.about()
     # Another scene may have other numbers: what it lacks is ticked no more, and cannot be searched.
     page.open_scene(sg.shell.Free(plane().shell))
     assert list(tab.ticks.boxes.value) == [WALL]

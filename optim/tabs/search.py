@@ -11,6 +11,7 @@ import time
 from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import panel as pn
@@ -49,6 +50,11 @@ SHAPE_SECONDS = 1.0
 UNANSWERED, BREAKING, KEEPING = 0, 1, 2
 """What is known of a design of the batch: no equilibrium; a limit or a rule is broken; all are kept."""
 COLOURS = {BREAKING: "#B8860B", KEEPING: BLUE}
+MOST_PROGRAMS = 4
+"""Kinds of searches whose programs stay in memory."""
+PROGRAMS: dict[str, dict[Any, Any]] = {}
+"""The programs of the last searches by what they hold: a search that goes on from the best of another one, or asks for
+another target, compiles nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +78,22 @@ class Asked:
         at = None if self.observable == LIMIT_PRESSURE else self.at
         goal = Goal(self.goal, Quantity(self.observable, at), target=self.target)
         limits = [Limits(Quantity(LIMIT_MARGIN, self.at), low=MARGIN)] if self.keeps_margin else []
-        return Problem(Space({SCENE: self.scene}, self.variables), [goal], limits)
+        found = Problem(Space({SCENE: self.scene}, self.variables), [goal], limits)
+        found.about = self.about()
+        if found.about:
+            found._programs = PROGRAMS.setdefault(found.about, {})
+            while len(PROGRAMS) > MOST_PROGRAMS:
+                del PROGRAMS[next(iter(PROGRAMS))]
+        return found
+
+    def about(self) -> str:
+        """All that the compiled programs of a search hold, in words: the scene but for what may move, the bounds, what
+        is measured at which state. Nothing where words cannot tell it, for a function of the user's for instance."""
+        space = Space({SCENE: self.scene}, self.variables)
+        leaves, structure = jax.tree.flatten(space.scenes_at(jnp.zeros(space.size)))
+        numbers = [np.asarray(leaf).tolist() for leaf in leaves]
+        words = repr((str(structure), numbers, self.variables, self.observable, self.at, self.keeps_margin))
+        return "" if " at 0x" in words else words
 
 
 @dataclasses.dataclass(frozen=True)
