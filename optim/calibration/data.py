@@ -124,7 +124,12 @@ class Curve:
 
 def read_columns(path: Path, columns: Sequence[Column]) -> tuple[np.ndarray, list[str]]:
     """(the columns in SI, shape (rows, columns); what was left out) of one file."""
-    header, lines = _table(path, [c.name for c in columns])
+    return columns_of(_text(path), path, columns)
+
+
+def columns_of(text: str, path: Path, columns: Sequence[Column]) -> tuple[np.ndarray, list[str]]:
+    """(the columns in SI, shape (rows, columns); what was left out) of the text of a file; path is for messages."""
+    header, lines = _table(text, path, [c.name for c in columns])
     rows: list[list[float]] = []
     for number, cells in lines:
         values = []
@@ -148,14 +153,23 @@ def read_columns(path: Path, columns: Sequence[Column]) -> tuple[np.ndarray, lis
     return data, notes
 
 
-def _table(path: Path, names: Sequence[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """(names of the columns, numbered rows under them)."""
+def _text(path: Path) -> str:
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: this is not a text file in UTF-8 (byte {error.start}).") from None
+        return decoded(path.read_bytes(), path)
     except OSError as error:
         raise ConfigError(f"{path}: {(error.strerror or str(error)).lower()}.") from None
+
+
+def decoded(content: bytes, path: Path) -> str:
+    """What is in a file as text; a ConfigError where it is none. path is for messages."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: this is not a text file in UTF-8 (byte {error.start}).") from None
+
+
+def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """(names of the columns, numbered rows under them)."""
     lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
     if not lines:
         raise ConfigError(f"{path}: the file is empty.")

@@ -119,6 +119,8 @@ class Evaluator:
         self.at = np.zeros((0, problem.space.size))
         """Unit values of the designs that are known, the latest last, and their states."""
         self.places: Any = None
+        self.moving: np.ndarray | None = None
+        """During the descent, which of the starts the rows that are asked for belong to."""
 
     def __call__(self, t: Any) -> Evaluated:
         """The designs at rows of unit values, with derivatives."""
@@ -506,6 +508,7 @@ def _descend(
     try:
         for step in range(steps):
             # NumPy picks the rows: JAX would compile a gather for every number of them.
+            evaluate.moving = moving
             fresh = evaluate(np.asarray(lanes.t)[moving])
             # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
@@ -527,6 +530,7 @@ def _descend(
         if not rows:
             raise
         stopped = True
+    evaluate.moving = None
     names = ("best_objective", "with_equilibrium", "feasible", "moving")
     return lanes, dict(zip(names, np.array(rows).T, strict=True)), np.array(paths), stopped
 

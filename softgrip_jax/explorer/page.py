@@ -67,6 +67,17 @@ setInterval(async () => {
 """
 """The page asks once a second whether its server is there, says so where it is not, and loads again once it is."""
 
+KEYS = """
+document.addEventListener('keydown', (event) => {
+  const at = event.composedPath()[0];
+  if ((event.key === 'Enter' || event.key === ' ') && at.classList && at.classList.contains('bk-tab')) {
+    event.preventDefault();
+    at.click();
+  }
+});
+"""
+"""Bokeh's tabs are reached by keyboard and listen to the mouse alone: Enter and Space click them."""
+
 
 def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] = ("n",)) -> str:
     """A table; nothing in it is taken for HTML."""
@@ -186,6 +197,8 @@ class Page:
         self.code = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.models = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
+        self.after_opening: list[Callable[[], None]] = []
+        """Called whenever another scene is shown: its numbers and choices may be others."""
         self.tabs = self._tabs()
         self._ladder: list[Any] = []
         self._fill_controls()
@@ -278,6 +291,7 @@ class Page:
         self.numbers.objects = [control.row for control in self.controls.values()]
         self.choices.objects = [self._menu(choice) for choice in session.choices.values()]
         self.task.visible = session.has_task
+        self.task.value = session.own_task
         if list(self.observable.options) != list(session.observables):
             self.observable.param.update(options=list(session.observables), value=session.observable)
 
@@ -336,6 +350,8 @@ class Page:
 
     def _after_opening(self, sentence: str) -> None:
         self._fill_controls()
+        for act in self.after_opening:
+            act()
         self.title.object = f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>"
         if sentence:
             self.say(sentence, True)
@@ -343,9 +359,12 @@ class Page:
         self.say("compiling ...")
         self.ask()
 
-    def open_scene(self, scene: Scene) -> None:
-        """Show another scene, or the same with other numbers: a model, the best of a search, a design of a study."""
+    def open_scene(self, scene: Scene, pressure: float | None = None) -> None:
+        """Show another scene, or the same with other numbers: a model, the best of a search, a design of a study.
+        pressure: Pa; without it, that of now."""
         self.session.open(scene)
+        if pressure is not None:
+            self.session.type_in(PRESSURE, f"{pressure / kPa:.12g}")
         self._after_opening("")
 
     def _looked(self, event: Any) -> None:
@@ -539,7 +558,7 @@ def page_of(make: Callable[[], Session]) -> Any:
     document = pn.state.curdoc
     if document is not None:
         document.title = "softgrip explore"
-        document.js_on_event("document_ready", CustomJS(code=GONE))
+        document.js_on_event("document_ready", CustomJS(code=GONE + KEYS))
 
         def end(context: Any) -> None:
             page.work.close()

@@ -1,0 +1,338 @@
+"""The explorer's tabs without a browser: a search that is seen, a calibration from a file, a study that is opened."""
+
+import threading
+
+import numpy as np
+import pytest
+
+import optim
+import softgrip_jax as sg
+from softgrip_jax import config as configs
+from softgrip_jax.explorer.session import PRESSURE, Session
+from softgrip_jax.units import kPa, mm
+
+pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
+from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
+from optim.tabs.search import MARGIN, SearchTab
+from softgrip_jax.errors import ConfigError
+from softgrip_jax.explorer.page import Page
+from softgrip_jax.explorer.study import StudyTab, binned_mean, open_study, studies_beneath
+
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+WALL, GAP = "shell.t_m_mm", "distance_mm"
+
+
+def plane():
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    return sg.shell.FlatContact(shell, distance=5 * mm)
+
+
+class StubPage(Page):
+    """What tabs need of a page, with everything done at once in the thread that asks for it."""
+
+    def __init__(self, scene):
+        self.document = None
+        self.session, self.after_opening, self.opened, self.threads = Session(scene, 15 * kPa), [], [], []
+        self._lock = threading.RLock()
+
+    def later(self, act):
+        with self._lock:
+            act()
+
+    def in_background(self, work):
+        self.threads.append(threading.Thread(target=work, args=(lambda *words: None,), daemon=True))
+        self.threads[-1].start()
+        return self.threads[-1]
+
+    def open_scene(self, scene, pressure=None):
+        self.opened.append((scene, pressure))
+        self.session.open(scene)
+        for act in self.after_opening:
+            act()
+
+    def wait(self):
+        for thread in self.threads:
+            thread.join(60)
+            assert not thread.is_alive()
+
+
+@pytest.fixture
+def page():
+    return StubPage(plane())
+
+
+def search_tab(page, starts=8):
+    tab = SearchTab(page)
+    tab.ticks.boxes.value, tab.goal.value, tab.starts.value = [WALL, GAP], "maximise", starts
+    return tab
+
+
+# --- search -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_search_finds_what_optim_finds(page, monkeypatch):
+    monkeypatch.setattr("optim.tabs.search.STEPS", 12)
+    tab = search_tab(page)
+    frames = []
+    tab.points.on_change("data", lambda attribute, old, new: frames.append(len(new["x"])))
+    for name in ("POINTS_SECONDS", "STEP_SECONDS"):
+        monkeypatch.setattr(f"optim.tabs.search.{name}", 0.0)
+    tab.run()
+    assert tab.is_running
+    tab.run()
+    assert tab.line.text == "A search runs already; stop it first."
+    page.wait()
+    numbers = page.session.numbers
+    bounds = {"shell.t_m": numbers[WALL], "distance": numbers[GAP]}
+    moving = [optim.Variable(name, n.low, n.high, "log" if n.is_log else "linear") for name, n in bounds.items()]
+    force, margin = (optim.Quantity(name, at=15 * kPa) for name in ("force", "limit_margin"))
+    problem = optim.Problem(
+        optim.Space({"scene": plane()}, moving), [optim.Goal("maximise", force)], [optim.Limits(margin, low=MARGIN)]
+    )
+    assert tab.found is not None, tab.line.text
+    direct = optim.search(problem, starts=8, steps=12)
+    np.testing.assert_array_equal(tab.found.best.x, direct.best.x)
+    assert tab.found.best.feasible
+    assert max(frames) > 1
+    assert len(frames) == 12  # one a step; the last of all is that of the last step
+    assert "Done after" in tab.line.text
+    assert tab.shape.views
+    tab.open_best()
+    assert page.session.values[WALL] == pytest.approx(direct.best.x[0], rel=1e-12)
+    assert page.opened[-1][1] == page.session.values[PRESSURE] == 15 * kPa
+    found = sg.solve(page.session.current(), 15 * kPa)
+    assert float(found.force) == pytest.approx(direct.best.values[0], rel=1e-9)
+    assert list(tab.ticks.boxes.value) == [WALL, GAP]
+    # A search from there has the same programs: all that differs are numbers that move.
+    assert tab.ask().about() == tab.asked.about() != ""
+    page.session.type_in("shell.material.mu_kPa", "176")
+    assert tab.ask().about() != tab.asked.about()
+    # Another scene may have other numbers: what it lacks is ticked no more, and cannot be searched.
+    page.open_scene(sg.shell.Free(plane().shell))
+    assert list(tab.ticks.boxes.value) == [WALL]
+
+
+def test_stop_keeps_the_best(page):
+    tab = search_tab(page)
+    seen = []
+
+    def watch(attribute, old, new):
+        seen.append(new)
+        if len(seen) == 3:
+            tab.stop()
+
+    tab.points.on_change("data", watch)
+    tab.run()
+    page.wait()
+    assert tab.found.stopped
+    assert len(tab.found.paths) < 100
+    assert "Stopped, and not finished" in tab.line.text
+    assert tab.found.best.feasible
+    assert tab.found.best.values[0] > tab.found.reference.values[0]
+    assert not tab.open_button.disabled
+    tab.open_best()
+    assert page.session.values[GAP] == pytest.approx(tab.found.best.x[1], rel=1e-12)
+
+
+def test_a_search_of_nothing_is_told(page):
+    tab = SearchTab(page)
+    tab.run()
+    assert tab.line.text == "Nothing may move; tick at least one number."
+    tab.ticks.boxes.value = [WALL]
+    tab.goal.value = "reach"
+    assert tab.target.visible
+    for text in ("", "abc", "__import__('os')", "nan"):
+        tab.target.value = text
+        tab.run()
+        assert tab.line.text == f"The target is {text!r}; it must be a finite number in N."
+    assert tab.line.is_wrong
+    assert not page.threads
+
+
+# --- calibration ------------------------------------------------------------------------------------------------------
+
+
+def measured(mu=160 * kPa, unit="kPa"):
+    """A curve of a softer shell with a ripple, as CSV."""
+    scene = sg.shell.FlatContact(
+        sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=mu)), 5 * mm
+    )
+    pressures = np.linspace(8, 20, 9) * kPa
+    forces = np.asarray(sg.path(scene, pressures).force) * (1 + 0.01 * np.cos(7 * np.arange(9)))
+    factor = {"kPa": kPa, "mbar": 100.0}[unit]
+    rows = "\n".join(f"{p / factor!r};{force!r}" for p, force in zip(pressures.tolist(), forces.tolist(), strict=True))
+    return f"# a test\nrig 3\npressure_{unit};force (N)\n{rows}\n", pressures, forces
+
+
+def test_a_calibration_from_text_is_that_of_optim(page):
+    text, pressures, forces = measured(unit="mbar")
+    tab = CalibrateTab(page)
+    tab.upload("rig.csv", text.encode())
+    assert (tab.x_column.value, tab.x_unit.value) == ("pressure_mbar", "mbar")
+    assert (tab.y_column.value, tab.y_unit.value) == ("force (N)", "N")
+    tab.ticks.boxes.value = ["shell.material.mu_kPa"]
+    tab.run()
+    page.wait()
+    assert tab.findings is not None, tab.line.text
+    number = page.session.numbers["shell.material.mu_kPa"]
+    moving = [optim.Variable("shell.material.mu", number.low, number.high, "log")]
+    curve = optim.Curve("rig", "scene", "force", "force", pressures, forces)
+    direct = optim.calibrate(optim.Fitting({"scene": plane()}, moving, [curve]))
+    fit = tab.findings.fit
+    np.testing.assert_allclose(fit.x, direct.x, rtol=1e-9)
+    np.testing.assert_allclose([fit.low, fit.high], [direct.low, direct.high], rtol=1e-6)
+    assert f"{direct.low[0] / kPa:.5g} to {direct.high[0] / kPa:.5g} kPa" in tab.table.object
+    assert "9 of 9 points" in tab.line.text
+    assert len(tab.pictures.objects) == 2
+    tab.use()
+    assert page.session.values["shell.material.mu_kPa"] == pytest.approx(direct.x[0], rel=1e-9)
+    assert abs(page.session.values["shell.material.mu_kPa"] / (160 * kPa) - 1) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"\xff\xfe\x00", "rig.csv: this is not a text file in UTF-8 (byte 0)."),
+        (b"", "rig.csv: there is no header line with two names of columns above a line of numbers."),
+        (b"1,2\n3,4\n", "rig.csv: there is no header line with two names of columns above a line of numbers."),
+        (b"x" * (LARGEST + 1), "rig.csv: the file has 2,097,153 bytes; it may have 2,097,152 at most."),
+    ],
+)
+def test_a_file_that_is_no_curve_is_told(page, content, words):
+    tab = CalibrateTab(page)
+    tab.upload("rig.csv", content)
+    assert (tab.line.text, tab.line.is_wrong) == (words, True)
+    tab.run()
+    assert tab.line.is_wrong
+    assert not page.threads
+
+
+def test_a_fit_of_bad_numbers_is_told(page):
+    tab = CalibrateTab(page)
+    tab.run()
+    assert tab.line.text == "Nothing may move; tick at least one number."
+    tab.ticks.boxes.value = ["shell.material.mu_kPa"]
+    tab.run()
+    assert tab.line.text == "There is no measured curve; drop a CSV file first."
+    tab.upload("rig.csv", "p_kPa,force_N\n5,1\n10,two\n")
+    tab.run()
+    assert tab.line.text == "rig.csv, line 3: force_N is 'two'; it must be a finite number."
+    tab.upload("rig.csv", "p_kPa,force_N\n-5,1\n10,2\n")
+    tab.run()
+    assert "a pressure of curve 'rig' is -5 kPa" in tab.line.text
+    tab.y_column.value = "p_kPa"
+    tab.run()
+    assert tab.line.text == "Column 'p_kPa' is both pressure and measurement; choose another one."
+
+
+def test_headers_are_found_beneath_preambles():
+    assert header_of("made by hand\nat 20 C\np, bar\th\n1\t2\n3\t\n", "f") == ["p, bar", "h"]
+    with pytest.raises(ConfigError, match="no header line"):
+        header_of("a b c\n1 2 3\n", "f")
+
+
+# --- study ------------------------------------------------------------------------------------------------------------
+
+SWEEP = """
+[scene]
+type = "shell.FlatContact"
+distance_mm = 5
+[scene.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+[scene.shell.material]
+type = "NeoHookean"
+mu_kPa = 175
+[sweep]
+method = "grid"
+[[sweep.variables]]
+name = "shell.t_m_mm"
+values = [0.9, 1.1, 1.3]
+[[sweep.variables]]
+name = "distance_mm"
+values = [4, 5]
+[[sweep.observables]]
+name = "force_N"
+at = { pressure_kPa = 12 }
+"""
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory):
+    """A folder with a study, as `softgrip sweep` leaves it, a link to one outside, and things that are none."""
+    from softgrip_jax.commands.sweep import read
+
+    base = tmp_path_factory.mktemp("base")
+    root, outside = base / "here", base / "outside"
+    for folder in (root / "runs" / "walls", outside):
+        folder.mkdir(parents=True)
+        (folder / "config.toml").write_text(SWEEP, encoding="utf-8")
+        study, identity = read(configs.load(folder / "config.toml"))
+        sg.study.run_in(folder, study, identity)
+    (root / "runs" / "link").symlink_to(outside)
+    (root / "runs" / "sly").mkdir()
+    (root / "runs" / "sly" / "study.zarr").symlink_to(outside / "study.zarr")
+    (root / ".hidden").mkdir()
+    return root
+
+
+def test_studies_are_listed_inside_the_folder_only(root):
+    assert list(studies_beneath(root)) == ["runs/walls"]
+    for place in (root / "runs" / "link", root / "runs" / "sly", root / ".." / "outside"):
+        with pytest.raises(ConfigError, match="where the explorer was started"):
+            open_study(place, root)
+
+
+def test_a_click_opens_the_design(page, root):
+    page.session.type_in(PRESSURE, "20")
+    tab = StudyTab(page, root)
+    assert list(tab.menu.options) == ["runs/walls"]
+    tab.open()
+    page.wait()
+    assert tab.study is not None, tab.line.text
+    assert tab.line.text.startswith("6 designs")
+    k = 4
+    tab.points.selected.indices = [k]
+    scene, pressure = page.opened[-1]
+    wall, gap = tab.study.rows["shell.t_m"][k], tab.study.rows["distance"][k]
+    assert (wall, gap) == (pytest.approx(1.3 * mm), pytest.approx(4 * mm))
+    assert pressure == pytest.approx(12 * kPa)
+    assert float(scene.shell.t_m) == wall
+    assert float(scene.distance) == gap
+    stored = tab.study.rows["force_at_12_kPa"][k]
+    assert float(sg.solve(scene, 12 * kPa).force) == pytest.approx(stored, rel=1e-9)
+    assert tab.points.data["y"][k] == pytest.approx(stored)
+    # Marks on a parallel axis: the others are faint.
+    tab.brush([{"dimensions[0].constraintrange": [[1.0, 1.2]]}, [0]])
+    faint = np.asarray(tab.points.data["alpha"]) < 0.5
+    np.testing.assert_array_equal(faint, np.abs(tab.study.rows["shell.t_m"] - 1.1 * mm) > 1e-6)
+    tab.brush([{"dimensions[0].constraintrange": None}, [0]])
+    assert np.all(np.asarray(tab.points.data["alpha"]) > 0.5)
+
+
+def test_a_map_has_the_means(root):
+    study = open_study(root / "runs" / "walls", root)
+    x_edges, y_edges, mean, count = binned_mean(study, "shell.t_m", "distance", "force_at_12_kPa")
+    np.testing.assert_allclose(x_edges, np.array([0.8, 1.0, 1.2, 1.4]) * mm)
+    np.testing.assert_allclose(y_edges, np.array([3.5, 4.5, 5.5]) * mm)
+    np.testing.assert_array_equal(count, 1)
+    np.testing.assert_allclose(mean, study.data["force_at_12_kPa"].values)
+    study.data.close()
+
+
+def test_a_damaged_study_is_told(page, tmp_path):
+    (tmp_path / "study.zarr").mkdir()
+    (tmp_path / "study.zarr" / "zarr.json").write_text("{}", encoding="utf-8")
+    tab = StudyTab(page, tmp_path)
+    assert list(tab.menu.options) == ["."]
+    tab.open()
+    page.wait()
+    assert tab.line.is_wrong
+    assert "\n" not in tab.line.text
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    tab = StudyTab(page, empty)
+    tab.open()
+    assert tab.line.text == "There is no study to open."
