@@ -103,3 +103,19 @@ def plan(
     from .plan.run import run_plan
 
     tell_folder(as_json, run_plan(config, out, console_for(as_json)))
+
+
+def measure(
+    config: Annotated[Path, typer.Argument(help="The config of the design that was cast.")],
+    measured: Annotated[Path, typer.Argument(help="A TOML file with readings, masses and curves of the parts.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
+    search: Annotated[bool, typer.Option("--search", help="Search again from the design as it was built.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Update a design by what was measured of its parts: dimensions as built with intervals, moduli from first curves.
+
+    - softgrip measure configs/shell_cast.toml configs/data/shell_cast_measured.toml
+    """
+    from .asbuilt.run import run_measure
+
+    tell_folder(as_json, run_measure(config, measured, out, console_for(as_json), search))

@@ -45,6 +45,16 @@ def drive_of_a_finger(finger: sg.PneuNet, rng: np.random.Generator) -> None:
     write("synthetic_drive_held.csv", said, "pressure_kPa,force_N", (pressure, force))
 
 
+def shell_that_was_cast(rng: np.random.Generator) -> None:
+    """The first inflation of a shell that came out thicker and softer than it was drawn."""
+    cast = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.2 * mm, material=sg.NeoHookean(mu=150 * kPa))
+    pressure = np.linspace(2, 14, 9)
+    inflation = np.asarray(sg.path(sg.shell.Free(cast), pressure * kPa).inflation) / mm
+    said = "free inflation of a shell 32 x 86 x 1.2 mm with mu = 150 kPa, noise 0.1 mm"
+    noisy = inflation + rng.normal(0, 0.1, inflation.size)
+    write("synthetic_cast.csv", said, "pressure_kPa,inflation_mm", (pressure, noisy))
+
+
 def main() -> None:
     """All files, always the same."""
     rng = np.random.default_rng(20)
@@ -74,6 +84,7 @@ def main() -> None:
     said = "uniaxial tension of a Yeoh material, C1 = 60, C2 = 4, C3 = 0.05 kPa, noise 3 kPa; engineering values"
     noisy = (stress + rng.normal(0, 3, stress.size)) / 1000
     write("synthetic_tension.csv", said, "strain_percent,stress_MPa", (100 * strain, noisy))
+    shell_that_was_cast(rng)
 
 
 if __name__ == "__main__":

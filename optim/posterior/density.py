@@ -111,7 +111,7 @@ class Bounded:
     def __call__(self, t: Array) -> Array:
         """u of t."""
         d = self._scaled
-        return self.low + d * (jax.nn.softplus((t - self.low) / d) - jax.nn.softplus((t - self.high) / d))
+        return jnp.asarray(self.low) + d * (jax.nn.softplus((t - self.low) / d) - jax.nn.softplus((t - self.high) / d))
 
     def log_slope(self, t: Array) -> Array:
         """log du/dt."""

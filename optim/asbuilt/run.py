@@ -1,0 +1,242 @@
+"""`softgrip measure CONFIG.toml MEASURED.toml`: the design as built, what it does, and what a search would change.
+
+The folder: as_built.toml (the config with the numbers as built and the moduli of the curves), measured.toml as given,
+config.toml, numbers.csv, result.json and report.html.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Console
+
+from softgrip_jax import config as configs
+from softgrip_jax.errors import InputError, located
+from softgrip_jax.folders import new_folder
+from softgrip_jax.progress import Tell, stages
+from softgrip_jax.questions import pressure_for, solve
+from softgrip_jax.report.run import write_report
+from softgrip_jax.results import Status, in_units
+from softgrip_jax.tables import Table
+from softgrip_jax.units import DISPLAY, unit_key
+
+from ..calibration.provenance import provenance
+from ..design import settings as design_settings
+from ..design.run import run_design
+from ..records import summary, versions, write_csv
+from ..space import Space, Variable
+from . import settings as measured_settings
+from .settings import Settings
+from .update import AsBuilt, calibrated, updated
+
+GIVEN = 1e-9
+"""What has less of a standard deviation, relative, does not depend on the parts."""
+FEW = 5
+"""Variables of a search that are named, those that the goal changes most with."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Compared:
+    """An observable of the drawn design and of the one that was built, SI."""
+
+    name: str
+    kind: str
+    drawn: float
+    built: float
+    deviation: float
+    """Of the built one, by what is not known of its numbers."""
+
+
+def run_measure(config: Path, measured: Path, out: Path | None, console: Console, search: bool = False) -> Path:
+    """Update a design by what was measured of it, and return the folder that holds it."""
+    read = configs.load(config)
+    wanted = measured_settings.read(read, measured)
+    with new_folder(out, f"{config.stem}_built") as (folder, final):
+        with located(str(measured)), stages(console) as tell:
+            if wanted.table.masses:
+                tell("volumes of the parts")
+            known = updated(wanted)
+            if wanted.calibration is not None:
+                tell("compiling once, then the curves")
+                known = calibrated(wanted, known)
+            scenes = scenes_built(wanted, known)
+            compared = compare(wanted, known, tell)
+            helps = elasticities(wanted, scenes, tell)
+        (folder / "config.toml").write_bytes(configs.standalone(config))
+        (folder / "measured.toml").write_bytes(measured.read_bytes())
+        comment = f"{provenance(measured.name)}\nThe design of {config.name} as it was built."
+        text = configs.dump(scenes, comment, **read.tables)
+        (folder / "as_built.toml").write_text(text, encoding="utf-8")
+        write_csv(folder / "numbers.csv", rows(wanted, known))
+        (folder / "result.json").write_text(
+            json.dumps(record(wanted, known, compared, helps), indent=2), encoding="utf-8"
+        )
+        write_report(folder, final.name)
+    report(wanted, known, compared, helps, console)
+    file = final / "as_built.toml"
+    command = f"softgrip {'design' if 'design' in read.tables else 'solve'} {file}"
+    console.print(summary("design as built", final, "" if search else command), soft_wrap=True)
+    if search:
+        if "design" not in read.tables:
+            raise InputError(
+                f"{config} has no section [design], so there is nothing to search again; leave out --search."
+            )
+        run_design(file, final / "search", console)
+    return final
+
+
+def keys(settings: Settings) -> list[tuple[str, str]]:
+    """(key, kind) of the numbers, and then of the parameters of the fit."""
+    found = [(number.key, number.kind) for number in settings.numbers]
+    if settings.calibration is not None:
+        space = settings.calibration.fitting.space
+        found += [(unit_key(name, kind), kind) for name, kind in zip(space.names, space.kinds, strict=True)]
+    return found
+
+
+def values(settings: Settings, known: AsBuilt) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(drawn, built, standard deviation) of the numbers, and then of the parameters of the fit."""
+    drawn, built = known.drawn, known.built
+    if known.fit is not None and settings.calibration is not None:
+        drawn = np.concatenate([drawn, settings.calibration.fitting.space.reference])
+        built = np.concatenate([built, known.fit.x[len(built) :]])
+    return drawn, built, np.sqrt(np.diag(known.joint))
+
+
+def space_of(settings: Settings) -> Space:
+    """All numbers that are known anew, in the scenes of the config."""
+    variables = list(settings.space.variables)
+    if settings.calibration is not None:
+        scenes = settings.config.scenes
+        for one in settings.calibration.fitting.space.variables:
+            own = [name for name in one.name.split(" = ") if not name.startswith("tension test")]
+            variables.append(Variable(" = ".join(own), one.low, one.high, one.scale))
+        return Space(scenes, variables)
+    return settings.space
+
+
+def scenes_built(settings: Settings, known: AsBuilt) -> dict[str, Any]:
+    """The scenes with the numbers as built."""
+    return space_of(settings).scenes_at(jnp.asarray(values(settings, known)[1]))
+
+
+def compare(settings: Settings, known: AsBuilt, tell: Tell) -> list[Compared]:
+    """What the config asks, of the drawn design and of the one that was built."""
+    name = settings.table.scene or next(iter(settings.config.scenes))
+    scene = settings.config.scenes[name]
+    one = dataclasses.replace(settings.config, scenes={name: scene})
+    asked = configs.question(one) if "solve" in one.tables else {}
+    if not asked:
+        try:
+            scene.target()
+        except InputError:
+            return []
+    tell("solving the design as built")
+    space = space_of(settings)
+
+    def answer(x: Any) -> Any:
+        one = space.scenes_at(x)[name]
+        found = solve(one, asked["pressure"]) if "pressure" in asked else pressure_for(one, **asked)
+        return found.observables | {"pressure": found.pressure}, found.status
+
+    program = jax.jit(jax.vmap(answer))
+    slopes = jax.jit(jax.jacfwd(lambda x: answer(x)[0]))
+    drawn, built, _ = values(settings, known)
+    found, status = program(jnp.stack([drawn, built]))
+    if int(status[1]) != Status.OK:
+        return []
+    J = slopes(jnp.asarray(built))
+    compared = []
+    for one, kind in (scene.prepared().OBSERVABLES | {"pressure": "pressure"}).items():
+        if kind == "position" or ("pressure" in asked and one == "pressure"):
+            continue
+        j = np.asarray(J[one])
+        both = np.asarray(found[one])
+        compared.append(Compared(one, kind, float(both[0]), float(both[1]), float(np.sqrt(j @ known.joint @ j))))
+    return compared
+
+
+def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list[tuple[str, str, float]]:
+    """(variable of the search, what its first goal is about, per cent of it for one per cent more of the variable) of
+    the design as built, the largest first; empty without a search."""
+    if "design" not in settings.config.tables:
+        return []
+    tell("what a search would change")
+    wanted = design_settings.read(dataclasses.replace(settings.config, scenes=scenes))
+    problem = wanted.problem
+    measured, slopes = problem.compiled(problem.space.to_unit(problem.space.reference)[None])
+    quantity = problem.goals[0].quantity
+    k = problem.quantities.index(quantity)
+    value = float(np.asarray(measured.values)[0, k])
+    x = problem.space.reference
+    by_unit = np.asarray(slopes.values)[0, k]
+    # The variables are scaled to their bounds: dx of a small change of the unit value.
+    t = problem.space.to_unit(x)
+    ends = [np.asarray(problem.space.from_unit(jnp.asarray(t + step))) for step in (1e-6, -1e-6)]
+    by = (ends[0] - ends[1]) / 2e-6
+    found = [
+        (name, problem.label(quantity), float(slope / dx * at / value))
+        for name, slope, dx, at in zip(problem.space.names, by_unit, by, x, strict=True)
+        if np.isfinite(slope) and value
+    ]
+    return sorted(found, key=lambda one: -abs(one[2]))
+
+
+def rows(settings: Settings, known: AsBuilt) -> list[dict[str, Any]]:
+    """The table of the numbers, in the units of their keys."""
+    found = []
+    for (key, kind), was, now, deviation in zip(keys(settings), *values(settings, known), strict=True):
+        unit = DISPLAY[kind][1]
+        found.append(
+            {
+                "number": key,
+                "drawn": was / unit,
+                "built": now / unit,
+                "low_95": (now - 1.96 * deviation) / unit,
+                "high_95": (now + 1.96 * deviation) / unit,
+            }
+        )
+    return found
+
+
+def record(settings: Settings, known: AsBuilt, compared: list[Compared], helps: list[Any]) -> dict[str, Any]:
+    """All of it as plain data, SI."""
+    return {
+        "units": "SI",
+        "numbers": rows(settings, known),
+        "observables": [dataclasses.asdict(one) for one in compared],
+        "elasticities": [{"variable": name, "of": of, "elasticity": value} for name, of, value in helps],
+    } | versions()
+
+
+def report(settings: Settings, known: AsBuilt, compared: list[Compared], helps: list[Any], console: Console) -> None:
+    """Drawn and built, side by side, and what a search would change."""
+    table = Table(title="as drawn and as built", title_justify="left")
+    for head in ("", "drawn", "built, and its 95 % interval", "change"):
+        table.add_column(head, justify="right" if head else "left")
+    for (key, kind), was, now, deviation in zip(keys(settings), *values(settings, known), strict=True):
+        interval = f"{in_units(now, kind)} +- {in_units(1.96 * deviation, kind)}"
+        table.add_row(key, in_units(was, kind), interval, f"{now / was - 1:+.1%}")
+    table.add_section()
+    for one in compared:
+        if not one.deviation > GIVEN * abs(one.built):  # what the task asks for is given
+            continue
+        interval = f"{in_units(one.built, one.kind)} +- {in_units(1.96 * one.deviation, one.kind)}"
+        change = f"{one.built / one.drawn - 1:+.1%}" if one.drawn and np.isfinite(one.drawn) else "-"
+        table.add_row(one.name.replace("_", " "), in_units(one.drawn, one.kind), interval, change)
+    console.print(table)
+    for one, number, was, now in zip(settings.table.numbers, settings.numbers, known.drawn, known.built, strict=True):
+        off = abs(now / was - 1) / one.tolerance
+        if off > 2:
+            console.print(f"{number.key} is {off:.1f} tolerances from the drawing.", soft_wrap=True)
+    if helps:
+        words = ", ".join(f"{name} {value:+.2f} %" for name, _, value in helps[:FEW])
+        console.print(
+            f"One per cent more of a number changes {helps[0][1]} of the design as built by: {words}.", soft_wrap=True
+        )

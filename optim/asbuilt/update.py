@@ -1,0 +1,177 @@
+"""Numbers as built, from the drawing, readings and masses; then moduli from curves, given what is known of the numbers.
+
+The numbers x are normal before, about the drawing x_0 with the workshop's tolerance. Readings and masses m = rho V(x)
+are normal about what x says. The most probable x is found by Gauss and Newton's method, and
+
+    C = (C_0^-1 + J^T S^-1 J)^-1
+
+is its covariance, with the derivatives J of all that was measured and the variances S of their errors. Curves are then
+fitted with x held, and the covariance of the moduli is that of the joint problem, in which C is what is known of x.
+
+Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed., section 14 (normal linear models); thesis 6.2 for the curves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from softgrip_jax import cad
+from softgrip_jax.errors import InputError
+from softgrip_jax.units import gram
+
+from ..calibration.fit import Fit, finished, require_data, with_noise
+from ..calibration.model import Fitting
+from ..space import to_free
+from .settings import Settings
+
+STEP = 1e-3
+"""Of a number, relative, for the derivative of a mass by it: volumes are polynomials of low degree."""
+ROUNDS = 4
+"""Of Gauss and Newton's method: masses are nearly linear within a tolerance."""
+CONFLICT = 3.5
+"""Standard deviations by which a mass and the readings may differ: one pair in two thousand does by chance."""
+
+
+@dataclasses.dataclass(frozen=True)
+class AsBuilt:
+    """What is known of the parts.
+
+    Args:
+        drawn, built: the numbers, SI, shape (n,).
+        covariance: of the numbers as built, SI.
+        fit: of the curves with the numbers held; None without curves.
+        fit_covariance: of the numbers and then the parameters of the fit, jointly, SI; None without curves.
+    """
+
+    drawn: np.ndarray
+    built: np.ndarray
+    covariance: np.ndarray
+    fit: Fit | None = None
+    fit_covariance: np.ndarray | None = None
+
+    @property
+    def deviations(self) -> np.ndarray:
+        """Standard deviations of the numbers."""
+        return np.sqrt(np.diag(self.covariance if self.fit_covariance is None else self.joint)[: len(self.built)])
+
+    @property
+    def joint(self) -> np.ndarray:
+        """The covariance of all that is known."""
+        return self.covariance if self.fit_covariance is None else self.fit_covariance
+
+
+def masses_of(settings: Settings, x: np.ndarray) -> dict[str, float]:
+    """The mass of every cast part, kg, by its formula."""
+    scenes = settings.space.scenes_at(jnp.asarray(x))
+    name = next(name for name, scene in settings.config.scenes.items() if scene is settings.scene)
+    export = cad.export_of(scenes[name], settings.manufacture, with_moulds=False)
+    density = settings.manufacture.density_g_per_cm3
+    return {
+        piece.name: float(piece.volume) / 1000 * density * gram
+        for piece in export.pieces
+        if piece.made in ("cast", "bonded")
+    }
+
+
+def updated(settings: Settings, masses: Callable[[Settings, np.ndarray], dict[str, float]] = masses_of) -> AsBuilt:
+    """The numbers as built, by the drawing, readings and masses.
+
+    Raises:
+        InputError: for a part that is not cast, and where a mass and the readings do not go together.
+    """
+    table = settings.table
+    drawn = np.asarray(settings.space.reference, float)
+    rows = []
+    for k, (one, number) in enumerate(zip(table.numbers, settings.numbers, strict=True)):
+        if one.values:
+            assert one.uncertainty is not None
+            unit = np.zeros(len(drawn))
+            unit[k] = 1.0
+            deviation = one.uncertainty * number.unit / np.sqrt(len(one.values))
+            rows.append((unit, float(np.mean(one.values)) * number.unit, deviation))
+    prior = np.diag((np.array([one.tolerance for one in table.numbers]) * drawn) ** -2.0)
+    read, C = _best(drawn, prior, rows)
+    if not table.masses:
+        return AsBuilt(drawn, read, C)
+    x = read
+    weighed: list[tuple[np.ndarray, float, float]] = []
+    for step in range(ROUNDS):
+        expected, J = _masses(settings, x, masses)
+        weighed = []
+        for one in table.masses:
+            if one.part not in expected:
+                raise InputError(f"A mass is given of {one.part!r}; the cast parts are {', '.join(expected)}.")
+            found, slope = expected[one.part], J[one.part]
+            error = np.hypot(one.uncertainty_g * gram, table.density_spread * found)
+            if step == 0:
+                _agree(one.part, one.value_g * gram, found, error, slope, C)
+            weighed.append((slope, one.value_g * gram - found + slope @ x, error))
+        x, C_new = _best(drawn, prior, [*rows, *weighed])
+    return AsBuilt(drawn, x, C_new)
+
+
+def _best(
+    drawn: np.ndarray, prior: np.ndarray, rows: list[tuple[np.ndarray, float, float]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(the most probable numbers, their covariance) from rows (derivative, value, standard deviation)."""
+    A, b = prior.copy(), prior @ drawn
+    for slope, value, deviation in rows:
+        A += np.outer(slope, slope) / deviation**2
+        b += slope * value / deviation**2
+    C = np.linalg.inv(A)
+    return C @ b, C
+
+
+def _masses(settings: Settings, x: np.ndarray, masses: Any) -> tuple[dict[str, float], dict[str, np.ndarray]]:
+    """Masses and their derivatives, by central differences."""
+    middle = masses(settings, x)
+    slopes = {name: np.zeros(len(x)) for name in middle}
+    for k in range(len(x)):
+        step = np.zeros(len(x))
+        step[k] = STEP * x[k]
+        up, down = masses(settings, x + step), masses(settings, x - step)
+        for name in middle:
+            slopes[name][k] = (up[name] - down[name]) / (2 * step[k])
+    return middle, slopes
+
+
+def _agree(part: str, mass: float, expected: float, error: float, slope: np.ndarray, C: np.ndarray) -> None:
+    """InputError where a mass is further from what the readings and the drawing say than all their errors allow."""
+    spread = float(np.sqrt(slope @ C @ slope))
+    if abs(mass - expected) > CONFLICT * np.hypot(error, spread):
+        raise InputError(
+            f"The mass of the {part}, {mass / gram:.4g} g, does not go with its dimensions, which say "
+            f"{expected / gram:.4g} +- {1.96 * spread / gram:.2g} g; weigh and measure again, or correct "
+            "density_g_per_cm3 or the tolerances."
+        )
+
+
+def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
+    """The same with the parameters of the curves, fitted with the numbers as built.
+
+    Raises:
+        InputError: where the curves cannot give a fit.
+    """
+    assert settings.calibration is not None
+    own = settings.calibration.fitting
+    models, variables = own.given.scenes, own.space.variables
+    count = len(known.built)
+    fitting = Fitting(models, [*settings.space.variables, *variables], own.curves, own.loss)
+    require_data(own)
+    start = np.concatenate([known.built, np.asarray(own.space.reference, float)])
+    free = np.arange(len(start)) >= count
+    t = fitting.space.inside(fitting.space.to_unit(start))
+    member = fitting.member(to_free(t), free=free)
+    member = member._replace(start=fitting.fit_member_jit(member).u)
+    member = with_noise(fitting, member)
+    fit = finished(fitting, member)
+    sigma = np.asarray(fit.member.sigma)[fitting.of_curve]
+    rows = np.asarray(fit.predicted.slopes) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
+    information = rows.T @ rows
+    information[:count, :count] += np.linalg.inv(known.covariance)
+    return dataclasses.replace(known, fit=fit, fit_covariance=np.linalg.inv(information))
