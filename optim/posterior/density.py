@@ -18,8 +18,8 @@ Several specimens are parts of one population, each with its own actuator (Gelma
 
     log x_s = log x + tau z_s,   z_s ~ N(0, 1)
 
-with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have half
-normal priors.
+with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have
+half-normal priors.
 """
 
 from __future__ import annotations
@@ -183,7 +183,7 @@ class Density:
         self.part_of = np.zeros(len(self.y), dtype=int)
         for k, name in enumerate(self.specimens):
             self.part_of[labels == name] = k
-        self.asked, self._places = _asked(fit, self.part_of, self.used)
+        self.asked, self._places = _asked(fit, self.part_of)
         sizes = np.abs(np.asarray(fit.predicted.response.values))
         self.errors = [_errors(fit, k, sizes) for k in range(len(fitting.curves))]
         self.sampled_noise = np.array([c.fit and c.noise is None for c in fitting.curves])
@@ -221,7 +221,7 @@ class Density:
             rows.append(np.log(np.abs(x[own])) / self.between if self.between > 0 else np.zeros(len(own)))
         inner = space.from_unit(jnp.asarray(space.inside(space.to_unit(fit.x))))
         middle = self.bounded.inverse(np.where(self.logs, np.log(np.where(self.logs, inner, 1.0)), inner))
-        by_t = np.asarray(jax.jacfwd(lambda t: self._x(t))(jnp.asarray(middle)))
+        by_t = np.asarray(jax.jacfwd(self._x)(jnp.asarray(middle)))
         jacobian = np.zeros((len(self.y), self.n + len(own) * len(self.specimens)))
         if not self.specimens:
             jacobian[:, : self.n] = slopes @ by_t
@@ -410,6 +410,14 @@ def require_touched(fit: Fit) -> None:
             )
 
 
+def require_normal(fit: Fit) -> None:
+    """An InputError where the fit was not one by least squares."""
+    if fit.fitting.loss != "linear":
+        raise InputError(
+            f"A posterior takes the noise as normal, and the loss is {fit.fitting.loss!r}; it must be 'linear'."
+        )
+
+
 def _path(name: str) -> list[str]:
     return name.split("=")[0].strip().split(".")
 
@@ -418,7 +426,7 @@ def _key(curve: Curve) -> str:
     return curve.quantity if curve.component is None else f"{curve.quantity}.{curve.component}"
 
 
-def _asked(fit: Fit, part_of: np.ndarray, used: np.ndarray) -> tuple[list[Asked], list[Any]]:
+def _asked(fit: Fit, part_of: np.ndarray) -> tuple[list[Asked], list[Any]]:
     """Where the models are asked, and (row, place) there of every point of every curve; (None, None) of a curve that
     is predicted only."""
     fitting = fit.fitting
