@@ -43,6 +43,7 @@ LONGEST = [
     "rules",
     "connected",
     "limits",
+    "posterior",
     "calibrate",
     "objectives",
     "chamber",

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import ROOT
+from rich.console import Console
 from scipy import stats
 
 import optim
@@ -21,8 +22,8 @@ pytest.importorskip("h5netcdf")
 
 from optim.calibration import settings
 from optim.design import settings as design_settings
-from optim.posterior.compare import Run, compared
-from optim.posterior.density import Density, require_touched
+from optim.posterior.compare import Run, compared, run_evidence
+from optim.posterior.density import Density
 from optim.posterior.diagnose import diagnose
 from optim.posterior.evidence import scores
 from optim.posterior.posterior import posterior
@@ -416,6 +417,24 @@ def test_evidence_is_a_difference_with_its_error():
         compared([scored("one", np.zeros(10))])
 
 
-def test_require_touched_names_the_parameter():
-    fit = strip_fit(175 * kPa * SHAPE, 1 * kPa)
-    require_touched(fit)
+def test_runs_are_compared_by_their_files(finished, tmp_path, capsys):
+    out = finished / "out"
+    (tmp_path / "copy.nc").write_bytes((out / "posterior.nc").read_bytes())
+    told = run_evidence([out, tmp_path / "copy.nc"], False, Console())
+    assert "do not tell" in capsys.readouterr().out
+    one, other = told["runs"].values()
+    assert (
+        one["elpd"]
+        == other["elpd"]
+        == pytest.approx(json.loads((out / "result.json").read_text())["posterior"]["elpd"])
+    )
+    assert one["points"] == 36
+    assert set(one["model_error"]) == {"strip"}
+    with pytest.raises(ConfigError, match="make one with softgrip calibrate CONFIG --posterior"):
+        run_evidence([out, tmp_path], False, Console())
+
+
+def test_a_robust_loss_has_no_posterior(tmp_path, capsys):
+    config = written(tmp_path, 'loss = "huber"\nposterior = true')
+    assert run(["calibrate", str(config), "--out", str(tmp_path / "out")]) == MISTAKE
+    assert "the loss is 'huber'; it must be 'linear'" in capsys.readouterr().err.replace("\n", " ")

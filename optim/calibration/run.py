@@ -32,7 +32,7 @@ from softgrip_jax.report.run import write_report
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
-from ..posterior.density import require_touched
+from ..posterior.density import require_normal, require_touched
 from ..posterior.posterior import Posterior, posterior
 from ..posterior.sample import extra
 from ..posterior.write import comment as comment_of
@@ -74,6 +74,7 @@ def run_calibrate(
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
             if sampling is not None:
                 require_touched(fit)
+                require_normal(fit)
             findings = examine(fit, table.intervals, table.repeats, table.seed, tell, spread)
             findings = findings if findings.stopped else with_rival(findings, table.starts, table.seed, tell)
             if sampling is not None and not findings.stopped:

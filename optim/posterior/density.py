@@ -18,8 +18,8 @@ Several specimens are parts of one population, each with its own actuator (Gelma
 
     log x_s = log x + tau z_s,   z_s ~ N(0, 1)
 
-with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have half
-normal priors.
+with tau the scatter between parts. Noises that are stated are taken as known. The others, delta and tau have
+half-normal priors.
 """
 
 from __future__ import annotations
@@ -56,6 +56,9 @@ EDGE = 0.05
 
 LEAST_PRECISION = 1.0
 """Of the coordinate of a parameter, as a part of its range, where its prior alone has less."""
+
+ROUNDS, FARTHEST, SETTLED = 10, 0.3, 1e-3
+"""Steps to where the models are made linear, the longest of them, and one that is short enough; of logarithms."""
 
 PARTS = ("shell", "finger", "gripper", "material")
 """Numbers below a part of these names are those of a specimen; the others are those of the test."""
@@ -141,6 +144,10 @@ class Linear:
     """Derivatives of the logarithm of the prior by the coordinates: first, and minus the second."""
     log: np.ndarray
     """Derivatives of the logarithms of the parameters that vary, by their coordinates."""
+    mean: np.ndarray
+    """These logarithms."""
+    whole: bool
+    """Whether every point that is used has an equilibrium there."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -183,7 +190,7 @@ class Density:
         self.part_of = np.zeros(len(self.y), dtype=int)
         for k, name in enumerate(self.specimens):
             self.part_of[labels == name] = k
-        self.asked, self._places = _asked(fit, self.part_of, self.used)
+        self.asked, self._places = _asked(fit, self.part_of)
         sizes = np.abs(np.asarray(fit.predicted.response.values))
         self.errors = [_errors(fit, k, sizes) for k in range(len(fitting.curves))]
         self.sampled_noise = np.array([c.fit and c.noise is None for c in fitting.curves])
@@ -205,39 +212,66 @@ class Density:
         return jnp.where(self.logs, jnp.exp(jnp.where(self.logs, u, 0.0)), u)
 
     def _linearised(self) -> Linear:
-        """The models around the fit: of each specimen, around its fit alone."""
-        fit, fitting, space = self.fit, self.fitting, self.fitting.space
-        own = np.flatnonzero(self.varying)
+        """The models, linear around what they and the priors find likely where sigma and delta are as in the middle of
+        their priors: beginning at the fit, of each specimen at its own fit, by steps of Gauss and Newton."""
+        fit, space, own = self.fit, self.fitting.space, np.flatnonzero(self.varying)
         alone = by_specimen(fit) if self.specimens else None
-        rows, values, slopes = [], np.zeros(len(self.y)), np.zeros((len(self.y), self.n))
-        for s, name in enumerate(self.specimens or ("",)):
-            x, predicted = fit.x, fit.predicted
-            if alone is not None and name in alone.names:
-                x = np.where(self.varying, alone.x[alone.names.index(name)], fit.x)
-                predicted = fitting.predict_at(x)
-            at = self.part_of == s
-            values[at] = np.asarray(predicted.response.values)[at]
-            slopes[at] = np.asarray(predicted.slopes)[at]
-            rows.append(np.log(np.abs(x[own])) / self.between if self.between > 0 else np.zeros(len(own)))
-        inner = space.from_unit(jnp.asarray(space.inside(space.to_unit(fit.x))))
+        inner = np.asarray(space.from_unit(jnp.asarray(space.inside(space.to_unit(fit.x)))))
         middle = self.bounded.inverse(np.where(self.logs, np.log(np.where(self.logs, inner, 1.0)), inner))
-        by_t = np.asarray(jax.jacfwd(lambda t: self._x(t))(jnp.asarray(middle)))
-        jacobian = np.zeros((len(self.y), self.n + len(own) * len(self.specimens)))
-        if not self.specimens:
-            jacobian[:, : self.n] = slopes @ by_t
-            rows = []
-        else:
-            jacobian[:, : self.n] = (slopes * ~self.varying) @ by_t
-            for i, part in enumerate(self.part_of):
-                place = self.n + part * len(own)
-                size = np.exp(self.between * rows[part]) * self.between
-                jacobian[i, place : place + len(own)] = slopes[i, own] * size
-        slope = np.asarray(jax.grad(self._log_prior_of_t)(jnp.asarray(middle)))
-        bend = np.asarray(jax.hessian(self._log_prior_of_t)(jnp.asarray(middle)))
-        precision = np.maximum(-np.diag(bend), LEAST_PRECISION / (self.bounded.high - self.bounded.low) ** 2)
+        rows = []
+        for name in self.specimens:
+            known = alone is not None and name in alone.names
+            x = alone.x[alone.names.index(name)] if known else fit.x  # type: ignore[union-attr]
+            rows.append(np.log(np.abs(x[own])) / self.between)
         centre = np.concatenate([middle, *rows])
-        log = np.diag(by_t)[own] / fit.x[own]
-        return Linear(centre, values, jacobian, slope, precision, log)
+        found = self._around(centre)
+        h = self._middle()
+        for _ in range(ROUNDS):
+            self._linear = found
+            moved = np.asarray(self._affine(h, jnp.asarray(self.y))[0]) - found.centre
+            following = self._around(
+                found.centre + moved * min(1.0, FARTHEST / max(float(np.max(np.abs(moved))), 1e-12))
+            )
+            if not following.whole:
+                break
+            found = following
+            if np.max(np.abs(moved)) < SETTLED:
+                break
+        return found
+
+    def _middle(self) -> tuple[Array, Array, Array]:
+        """tau, sigma and delta in the middle of their priors; noises as the fit has them."""
+        delta = np.where(self.sampled_delta, 0.5 * self.discrepancy, 0.0)
+        sigma = np.asarray(self.fit.member.sigma)
+        sigma = np.where(self.sampled_noise, np.minimum(sigma, 0.5 * self.noise_scales), sigma)
+        tau = np.full(int(self.varying.sum()), 0.5 * self.between)
+        return jnp.asarray(tau), jnp.asarray(sigma), jnp.asarray(delta)
+
+    def _around(self, centre: np.ndarray) -> Linear:
+        """The models, linear around a place; a point that has no equilibrium there says nothing."""
+        fitting, own = self.fitting, np.flatnonzero(self.varying)
+        middle, count = jnp.asarray(centre[: self.n]), len(own)
+        by_t, x = np.asarray(jax.jacfwd(self._x)(middle)), np.asarray(self._x(middle))
+        values, slopes, whole = np.zeros(len(self.y)), np.zeros((len(self.y), self.n)), True
+        for s in range(max(len(self.specimens), 1)):
+            part = x.copy()
+            if self.specimens:
+                part[own] = np.exp(self.between * centre[self.n + s * count : self.n + (s + 1) * count])
+            predicted, at = fitting.predict_at(part), self.part_of == s
+            ok = np.asarray(predicted.response.ok)
+            whole = whole and bool(np.all(ok[at & self.used]))
+            values[at] = np.where(ok, np.asarray(predicted.response.values), self.y)[at]
+            slopes[at] = np.where(ok[:, None], np.asarray(predicted.slopes), 0.0)[at]
+        jacobian = np.zeros((len(self.y), len(centre)))
+        jacobian[:, : self.n] = (slopes * ~self.varying) @ by_t
+        for i, part in enumerate(self.part_of if self.specimens else ()):
+            place = slice(self.n + part * count, self.n + (part + 1) * count)
+            jacobian[i, place] = slopes[i, own] * np.exp(self.between * centre[place]) * self.between
+        slope = np.asarray(jax.grad(self._log_prior_of_t)(middle))
+        bend = np.asarray(jax.hessian(self._log_prior_of_t)(middle))
+        precision = np.maximum(-np.diag(bend), LEAST_PRECISION / (self.bounded.high - self.bounded.low) ** 2)
+        log, mean = np.diag(by_t)[own] / x[own], np.log(np.abs(x[own]))
+        return Linear(centre, values, jacobian, slope, precision, log, mean, whole)
 
     def _affine(self, h: tuple[Array, Array, Array], y: Float[Array, " N"]) -> tuple[Array, Array]:
         """(mean, root of the inverse covariance) of parameters and specimens, given tau, sigma, delta and y, by models
@@ -259,7 +293,7 @@ class Density:
             place = self.n + s * count + np.arange(count)
             to = np.zeros((count, size))
             to[np.arange(count), place], to[np.arange(count), own] = self.between, -linear.log
-            off = self.between * linear.centre[place] - np.log(np.abs(self.fit.x[own]))
+            off = self.between * linear.centre[place] - linear.mean
             scaled = jnp.asarray(to) / (tau**2)[:, None]
             inverse += scaled.T @ jnp.asarray(to)
             pull -= scaled.T @ jnp.asarray(off)
@@ -410,6 +444,14 @@ def require_touched(fit: Fit) -> None:
             )
 
 
+def require_normal(fit: Fit) -> None:
+    """An InputError where the fit was not one by least squares."""
+    if fit.fitting.loss != "linear":
+        raise InputError(
+            f"A posterior takes the noise as normal, and the loss is {fit.fitting.loss!r}; it must be 'linear'."
+        )
+
+
 def _path(name: str) -> list[str]:
     return name.split("=")[0].strip().split(".")
 
@@ -418,7 +460,7 @@ def _key(curve: Curve) -> str:
     return curve.quantity if curve.component is None else f"{curve.quantity}.{curve.component}"
 
 
-def _asked(fit: Fit, part_of: np.ndarray, used: np.ndarray) -> tuple[list[Asked], list[Any]]:
+def _asked(fit: Fit, part_of: np.ndarray) -> tuple[list[Asked], list[Any]]:
     """Where the models are asked, and (row, place) there of every point of every curve; (None, None) of a curve that
     is predicted only."""
     fitting = fit.fitting

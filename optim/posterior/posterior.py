@@ -15,7 +15,7 @@ from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 
 from ..calibration.fit import Fit
-from .density import Density, Unknowns, require_touched
+from .density import Density, Unknowns, require_normal, require_touched
 from .diagnose import Diagnosis, diagnose
 from .evidence import FAR, Scores, scores
 from .priors import Prior, Sampling, require_proper
@@ -155,7 +155,8 @@ def posterior(fit: Fit, priors: Sequence[Prior], settings: Sampling | None = Non
         The draws, with their diagnostics.
 
     Raises:
-        InputError: for an improper prior, for data that do not depend on a parameter, and where the extra is missing.
+        InputError: for an improper prior, for data that do not depend on a parameter, for a robust loss, and where
+            the extra is missing.
     """
     settings = settings or Sampling()
     extra()
@@ -163,6 +164,7 @@ def posterior(fit: Fit, priors: Sequence[Prior], settings: Sampling | None = Non
     for j, prior in enumerate(priors):
         require_proper(space.names[j], prior, float(space.low[j]), float(space.high[j]))
     require_touched(fit)
+    require_normal(fit)
     density = Density(fit, list(priors), settings.discrepancy, settings.between)
     sampled = sample(
         density.potential, *density.start(), settings.chains, settings.draws, settings.warmup, settings.seed, tell

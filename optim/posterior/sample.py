@@ -91,7 +91,7 @@ def sample(
     first, second = jax.random.split(key)
     start = DISPERSED * jax.random.normal(first, (chains, len(centre)))
     middle, length = jnp.asarray(centre), jnp.asarray(scale)
-    nuts = kernel(lambda e: potential(middle + length * e))
+    nuts = kernel(jax.jit(lambda e: potential(middle + length * e)))  # traced once, for the start and for the draws
     tell("posterior: compiling")
     state = nuts.init(jax.random.split(second, chains), warmup, start, (), {})
     run = jax.jit(lambda state: advanced(nuts, state, BLOCK))

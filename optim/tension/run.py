@@ -118,11 +118,12 @@ def run_tension(config: Path, out: Path | None, console: Console, with_posterior
 
 
 def _scored(one: FittedMaterial, seed: int, tell: Tell) -> Run:
-    """A material's leave-one-out scores, its constants with wide priors around their first guesses."""
+    """A material's leave-one-out scores, its constants with wide priors around their first guesses. The materials are
+    taken as they stand: what one does not follow is noise to it."""
     space = one.fit.fitting.space
     priors = [weak(space, j) for j in range(space.size)]
     priors = [dataclasses.replace(p, spread=WIDE_SPREAD) if p.distribution == "lognormal" else p for p in priors]
-    return run_of(one.name, posterior(one.fit, priors, Sampling(seed=seed), tell))
+    return run_of(one.name, posterior(one.fit, priors, Sampling(seed=seed, discrepancy=0.0), tell))
 
 
 WIDE_SPREAD = 2.0

@@ -109,7 +109,8 @@ def _one(ax: Any, values: np.ndarray, prior: np.ndarray | None, with_legend: boo
         ax.axvline(end, color=VERMILION, linewidth=0.8, linestyle=(0, (4, 2)))
     ax.set_yticks([])
     if with_legend and prior is not None:
-        ax.legend(loc="best", fontsize="x-small")
+        ax.set_ylim(top=1.35 * ax.get_ylim()[1])
+        ax.legend(loc="upper right", fontsize="x-small")
 
 
 def predictive(bands: Sequence[Band]) -> Figure:
