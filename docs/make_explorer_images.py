@@ -1,5 +1,6 @@
 """The pictures of docs/guides/explore.md, with Chromium and softgrip_jax[explore]."""
 
+import re
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,19 @@ FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-
 FLAGS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 
 
+def search(page):
+    """The tab of a search under way, from its boxes to its pictures."""
+    tab = page.locator(".bk-tab", has_text="Search from here")
+    tab.click()
+    for key in ("finger.a_mm", "finger.t_m_mm", "finger.H_mm"):
+        page.locator(f"label:has-text('{key}') input[type=checkbox]:visible").check()
+    page.get_by_role("button", name="run", exact=True).click()
+    page.get_by_text(re.compile(r"step [1-3]\d of 100: best")).wait_for(timeout=300_000)
+    top = tab.bounding_box()["y"] + page.evaluate("window.scrollY")
+    clip = {"x": 0, "y": top, "width": 1280, "height": 760}
+    page.screenshot(path=IMAGES / "explorer-search.png", full_page=True, clip=clip)
+
+
 def main():
     programs.settings()  # programs are kept and compiled as by the command
     scene = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"))
@@ -26,6 +40,7 @@ def main():
         page.wait_for_selector(".bk-Figure canvas", timeout=120_000)
         page.wait_for_timeout(60_000)  # until the curve and the bars are compiled, too
         page.screenshot(path=IMAGES / "explorer.png")
+        search(page)
         browser.close()
     served.stop()
 

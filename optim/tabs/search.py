@@ -413,7 +413,7 @@ class SearchTab:
         made.scatter("x", "y", source=self.best_point, size=14, marker="star", color=VERMILION)
         words = pn.pane.HTML(
             '<span class="sg-doc">grey: the first step; blue: keeps all limits and rules; ochre: breaks one; star: '
-            "the best. A design without equilibrium is not drawn.</span>",
+            "the best now. A design without equilibrium is not drawn.</span>",
             stylesheets=[CSS],
             sizing_mode="stretch_width",
         )
