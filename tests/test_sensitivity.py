@@ -193,3 +193,65 @@ def test_bars_are_the_elasticities(found):
     assert first.get_title(loc="left") == "force at 15 kPa"
     widths = sorted(bar.get_width() for bar in first.patches)
     np.testing.assert_allclose(widths, np.sort(found["elasticity"].sel(quantity="force at 15 kPa").values))
+
+
+def drawn(count=4000):
+    """mu and t_m that are known as a product: draws of a posterior of free inflation."""
+    draw = np.random.default_rng(0)
+    product, ratio = draw.normal(0, 0.01, count), draw.normal(0, 0.1, count)
+    return np.stack([MU * np.exp(0.5 * (product + ratio)), T * np.exp(0.5 * (product - ratio))], axis=1)
+
+
+def test_draws_that_go_together_leave_their_product_known():
+    """The limit pressure of a free membrane is mu t_m times a constant, so that the draws say all of it."""
+    scene, draws = sg.shell.Free(shell()), drawn()
+    names = ["shell.material.mu", "shell.t_m"]
+    data = sensitivity({"scene": scene}, names, [sg.Quantity("limit_pressure")], (), 20_000, draws=draws)
+    limit = float(sg.limit_pressure(scene))
+    exact = np.std(limit * np.prod(draws / [MU, T], axis=1))
+    assert float(data["deviation_by_sampling"][0]) == pytest.approx(exact, rel=0.03)
+    assert float(data["deviation_by_gradient"][0]) == pytest.approx(exact, rel=0.1)
+    assert float(data["share"].sum()) == pytest.approx(1)
+    apart = np.std(draws / [MU, T], axis=0)
+    assert exact / limit < 0.2 * np.hypot(*apart)
+
+
+def test_a_posterior_and_a_tolerance_go_into_one_analysis(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    draws = drawn(500).reshape(5, 100, 2)
+    keys = {"shell.material.mu_kPa": draws[..., 0] / kPa, "shell.t_m_mm": draws[..., 1] / mm}
+    data = xr.Dataset({key: (("chain", "draw"), values) for key, values in keys.items()})
+    data.to_netcdf(tmp_path / "p.nc", group="posterior", engine="h5netcdf")
+    text = (
+        (ROOT / "configs" / "shell_free.toml").read_text(encoding="utf-8")
+        + """
+[sensitivity]
+posterior = "p.nc"
+samples = 1000
+[[sensitivity.variables]]
+name = "shell.material.mu_kPa"
+[[sensitivity.variables]]
+name = "shell.t_m_mm"
+[[sensitivity.variables]]
+name = "shell.a_mm"
+tolerance = 0.1
+[[sensitivity.observables]]
+name = "limit_pressure_kPa"
+"""
+    )
+    config = tmp_path / "c.toml"
+    config.write_text(text)
+    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 0
+    with xr.open_dataset(tmp_path / "out" / "sensitivity.nc", engine="h5netcdf") as found:
+        # The limit falls with a: three numbers take part, and none of them alone has it all.
+        assert float(found["share"].sum()) == pytest.approx(1)
+        assert float(found["deviation_by_sampling"][0]) == pytest.approx(
+            float(found["deviation_by_gradient"][0]), rel=0.15
+        )
+    for old, new, words in (
+        ('name = "shell.t_m_mm"', 'name = "shell.t_m_mm"\ntolerance = 0.1', "has a tolerance beside the posterior"),
+        ('"p.nc"', '"none.nc"', "there is no posterior"),
+    ):
+        config.write_text(text.replace(old, new))
+        assert run(["sensitivity", str(config)]) == 2
+        assert words in " ".join(capsys.readouterr().err.split())

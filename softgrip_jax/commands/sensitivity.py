@@ -5,7 +5,8 @@
     seed = 0                          tolerance = 0.05                 at = { pressure_kPa = 12 }
 
 All of it may be left out: then every number of the scene counts that is not zero, and every observable in the state
-that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distributed, in the unit of the name. Names and
+that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distributed, in the unit of the name.
+`posterior`, a file of `softgrip calibrate --posterior`, scatters the numbers that it knows as its draws do. Names and
 states are those of `softgrip_jax.config.keys`.
 
 The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png and, where there
@@ -25,7 +26,8 @@ from rich.console import Console
 
 from .. import config as configs
 from ..config.keys import Table, Varied, all_numbers, quantity, states_of, varied
-from ..errors import located
+from ..draws import read_draws
+from ..errors import ConfigError, located
 from ..folders import contents, new_folder
 from ..parameters import Parameter
 from ..progress import stages
@@ -46,6 +48,7 @@ class ToleratedVariable(Table):
 class SensitivityTable(Table):
     variables: list[ToleratedVariable] = []
     observables: list[ObservableTable] = []
+    posterior: str | None = None
     samples: int = pydantic.Field(default=10_000, ge=100, le=100_000_000)
     seed: int = pydantic.Field(default=0, ge=0)
 
@@ -59,6 +62,8 @@ class Wanted(NamedTuple):
     quantities: list[Quantity]
     samples: int
     seed: int
+    draws: dict[str, np.ndarray]
+    """Of the posterior, by the name of the number, SI."""
 
 
 def read(config: configs.Config) -> Wanted:
@@ -70,11 +75,34 @@ def read(config: configs.Config) -> Wanted:
     tolerances = [
         None if v.tolerance is None else v.tolerance * number.unit for v, number in zip(variables, numbers, strict=True)
     ]
+    draws = _draws(config, table, numbers, tolerances, where)
     quantities = []
     for observed in table.observables:
         for name in [observed.name] if isinstance(observed.name, str) else observed.name:
             quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
-    return Wanted(numbers, tolerances, quantities or _asked_by_solve(config), table.samples, table.seed)
+    return Wanted(numbers, tolerances, quantities or _asked_by_solve(config), table.samples, table.seed, draws)
+
+
+def _draws(
+    config: configs.Config,
+    table: SensitivityTable,
+    numbers: list[Varied],
+    tolerances: list[float | None],
+    where: str,
+) -> dict[str, np.ndarray]:
+    """The draws of the posterior, by the name of the number."""
+    if table.posterior is None:
+        return {}
+    found = {
+        one.number.name: one.values for one in read_draws(config.scenes, config.path.parent / table.posterior, where)
+    }
+    known = [number.name for number in numbers]
+    if not set(found) & set(known):
+        raise ConfigError(f"{where}: the posterior knows {', '.join(found)}, and none of it is among the variables.")
+    for number, tolerance in zip(numbers, tolerances, strict=True):
+        if tolerance is not None and number.name in found:
+            raise ConfigError(f"{where}: {number.key} has a tolerance beside the posterior; leave one of them out.")
+    return {name: values for name, values in found.items() if name in known}
 
 
 def _asked_by_solve(config: configs.Config) -> list[Quantity]:
@@ -101,6 +129,7 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
                 wanted.samples,
                 wanted.seed,
                 tell,
+                _joint(read_config, wanted),
             )
         (folder / "config.toml").write_bytes(configs.standalone(config))
         data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
@@ -110,6 +139,22 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
     report(data, console)
     console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
     return final
+
+
+def _joint(config: configs.Config, wanted: Wanted) -> np.ndarray | None:
+    """The draws as the columns of the varied numbers, NaN where the posterior knows nothing; None without one."""
+    if not wanted.draws:
+        return None
+    from ..parameters import Parameters
+
+    sizes = Parameters(config.scenes, [Parameter(number.name) for number in wanted.numbers]).sizes
+    count = len(next(iter(wanted.draws.values())))
+    columns = [
+        wanted.draws.get(number.name, np.full(count, np.nan))
+        for number, size in zip(wanted.numbers, sizes, strict=True)
+        for _ in range(size)
+    ]
+    return np.stack(columns, axis=1)
 
 
 def _per_entry(config: configs.Config, wanted: Wanted) -> list[float | None]:

@@ -25,6 +25,7 @@ def sensitivity(
     samples: int = 10_000,
     seed: int = 0,
     report: Tell = silent,
+    draws: np.ndarray | None = None,
 ) -> xr.Dataset:
     """Elasticities of quantities by the numbers of a design, and what manufacturing tolerances do to them.
 
@@ -45,6 +46,9 @@ def sensitivity(
         samples: designs that are drawn at random.
         seed: of these.
         report: told of every stage, and of how many samples are done.
+        draws: of the varied numbers, jointly, SI, shape (m, n), such as those of a posterior; NaN in the columns of
+            numbers that are known by their tolerances. Samples then take whole rows. Shares are those of correlated
+            numbers, dy/dx_i cov(x_i, y) over the variance of y, and may be negative.
 
     Raises:
         InputError: for an unknown name.
@@ -81,16 +85,22 @@ def sensitivity(
         "design": ("by", reference),
         "design_unit": ("by", [SI[kind] for kind in numbers.kinds]),
     }
-    if any(tolerances):
-        widths = np.array([t or 0.0 for t in tolerances])
+    if any(tolerances) or draws is not None:
+        widths = np.array([t or 0.0 for t in tolerances]) if any(tolerances) else np.zeros(numbers.size)
         coords["tolerance"] = ("by", widths)
-        drawn = reference + widths * np.random.default_rng(seed).uniform(-1, 1, (samples, numbers.size))
-        data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, widths, report)
+        rng = np.random.default_rng(seed)
+        drawn = reference + widths * rng.uniform(-1, 1, (samples, numbers.size))
+        covariance = np.diag(widths**2 / 3)
+        if draws is not None:
+            joint = np.flatnonzero(np.all(np.isfinite(draws), axis=0))
+            drawn[:, joint] = draws[:, joint][rng.integers(len(draws), size=samples)]
+            covariance[np.ix_(joint, joint)] = np.cov(draws[:, joint], rowvar=False).reshape(len(joint), len(joint))
+        data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, covariance, report)
     return xr.Dataset(data, coords)
 
 
-def _spread(study: Study, slopes: np.ndarray, widths: np.ndarray, report: Tell) -> dict[str, Any]:
-    variances = (slopes * widths) ** 2 / 3
+def _spread(study: Study, slopes: np.ndarray, covariance: np.ndarray, report: Tell) -> dict[str, Any]:
+    variances = slopes * (slopes @ covariance)
     parts = []
     report("samples of the tolerances", 0, study.designs.count)
     for done, part in study.parts():
