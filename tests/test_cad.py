@@ -23,6 +23,7 @@ from softgrip_jax import cad  # noqa: E402
 from softgrip_jax.cad import solids  # noqa: E402
 from softgrip_jax.cad.checks import check_mould, undercut  # noqa: E402
 from softgrip_jax.cad.finger_parts import chambers_of  # noqa: E402
+from softgrip_jax.cad.plates import solid_of, volumes_of  # noqa: E402
 
 TABLE = cad.ManufactureTable()
 
@@ -181,6 +182,8 @@ def test_the_command_writes_a_folder(tmp_path, capsys):
     assert told["all_good"]
     names = {path.relative_to(out).as_posix() for path in out.rglob("*") if path.is_file()}
     assert {"parts/membrane.step", "parts/frame.stl", "moulds/membrane_lid.stl", "sheet.html", "parts.png"} <= names
+    assert "plates/plate_1.3mf" in names
+    assert told["plates"] == 2
     volume = 42 * 96 * 1.1 + 2 * (42 * 96 - 38 * 92)
     mesh = trimesh.load(out / "parts" / "membrane.stl")
     assert mesh.is_watertight
@@ -193,6 +196,32 @@ def test_the_command_writes_a_folder(tmp_path, capsys):
     page = (out / "sheet.html").read_text()
     assert "limit pressure" in page
     assert "http" not in page
+
+
+@pytest.mark.parametrize("bed", [[300.0, 300.0, 250.0], [130.0, 75.0, 60.0]])
+def test_plates_hold_every_printed_piece_once(bed, shell, tmp_path):
+    """No two pieces overlap, none stands over the edge, and the file holds what was laid out."""
+    table = cad.ManufactureTable(bed_mm=bed)
+    pieces = cad.printed(shell, 1.001)
+    found = cad.laid_out(pieces, table)
+    assert sorted(p.piece.name for plate in found for p in plate) == sorted(p.name for p, _ in pieces)
+    assert (len(found) > 1) == (bed[0] < 200)
+    for number, plate in enumerate(found):
+        boxes = [(p.x, p.y, p.x + p.size[0], p.y + p.size[1]) for p in plate]
+        for k, (x0, y0, x1, y1) in enumerate(boxes):
+            assert min(x0, y0) >= 0
+            assert x1 <= bed[0]
+            assert y1 <= bed[1]
+            for u0, v0, u1, v1 in boxes[:k]:
+                assert x1 < u0 or u1 < x0 or y1 < v0 or v1 < y0
+        for placed in plate:
+            box = solid_of(placed).bounding_box()
+            assert pytest.approx((placed.x, placed.y, 0), abs=1e-5) == (box.min.X, box.min.Y, box.min.Z)
+            assert pytest.approx(placed.size) == (box.size.X, box.size.Y)
+        path = tmp_path / f"plate_{number}.3mf"
+        cad.write_plate(plate, path)
+        wanted = sorted(p.piece.volume * p.scale**3 for p in plate)
+        assert sorted(volumes_of(path)) == pytest.approx(wanted, rel=2e-3)
 
 
 def test_nothing_is_written_where_it_cannot_be_made(tmp_path, capsys):

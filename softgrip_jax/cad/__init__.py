@@ -24,6 +24,9 @@ from .finger_parts import gripper_base as gripper_base
 from .limits import check_bed
 from .parts import Export as Export
 from .parts import Piece as Piece
+from .plates import laid_out as laid_out
+from .plates import printed as printed
+from .plates import write_plate as write_plate
 from .rules import ManufactureTable as ManufactureTable
 from .sheet import sheet as sheet
 from .sheet import silicone as silicone
@@ -60,5 +63,5 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -
             base = gripper_base(gripper, table)
             facts = export.facts | {"fingers": f"{gripper.n}: cast and print every part but the base as often"}
             export = dataclasses.replace(export, pieces=[*export.pieces, base], facts=facts)
-    check_bed(export.pieces, export.moulds, growth(table), table)
+    check_bed(printed(export, growth(table)), table)
     return export

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ..errors import InputError
-from .parts import Mould, Piece
+from .parts import Piece
 from .rules import ManufactureTable
 from .solids import Number, extent
 
@@ -46,10 +46,8 @@ def check_core(name: str, thickness: Number, height: Number, table: ManufactureT
         )
 
 
-def check_bed(pieces: Sequence[Piece], moulds: Sequence[Mould], scale: Number, table: ManufactureTable) -> None:
+def check_bed(printed: Sequence[tuple[Piece, Number]], table: ManufactureTable) -> None:
     """An InputError where a printed piece is larger than the bed, turned about the vertical or not."""
-    printed = [(one, 1.0) for one in pieces if one.made == "printed"]
-    printed += [(one, scale) for mould in moulds for one in mould.pieces]
     width, depth, height = table.bed_mm
     for one, factor in printed:
         x, y, z = (factor * length for length in extent(one.solid))

@@ -15,7 +15,7 @@ from .app import NO_ANSWER, AsJson, ConfigFile, SceneName, app
 def export(
     config: ConfigFile,
     step: Annotated[bool, typer.Option("--step", help="Write STEP files; without --step and --stl, both.")] = False,
-    stl: Annotated[bool, typer.Option("--stl", help="Write STL files.")] = False,
+    stl: Annotated[bool, typer.Option("--stl", help="Write STL files, and plates for the printer as 3MF.")] = False,
     mould: Annotated[bool, typer.Option("--mould", help="Write the moulds, too.")] = False,
     fe: Annotated[
         str | None,

@@ -41,6 +41,7 @@ def run_export(
             checks = cad.check_solids(export, status.update)
             status.update("writing")
             checks += write_solids(folder, export, cad.growth(table), step, stl)
+            plates = write_plates(folder, export, table) if stl else 0
             status.update("solving the scene")
             expected = expectations(read)
             status.update("drawing")
@@ -57,6 +58,7 @@ def run_export(
                 for row in cad.silicone(export, table)
             ],
             "expected": dict(expected),
+            "plates": plates,
             "checks": [check.as_data() for check in checks],
             "all_good": all(check.good for check in checks),
         }
@@ -101,6 +103,17 @@ def write_solids(folder: Path, export: Any, scale: int | float, step: bool, stl:
                 solids.write_stl(solid, path.with_suffix(".stl"))
                 checks += cad.check_mesh(path.with_suffix(".stl"), piece.name, expected)
     return checks + list(cad.check_thicknesses(export, read or {piece.name: piece.solid for piece in export.pieces}))
+
+
+def write_plates(folder: Path, export: Any, table: Any) -> int:
+    """What is printed, laid out on beds of the printer, a 3MF file each; returns how many."""
+    from .. import cad
+
+    plates = cad.laid_out(cad.printed(export, cad.growth(table)), table)
+    for number, plate in enumerate(plates, 1):
+        (folder / "plates").mkdir(exist_ok=True)
+        cad.write_plate(plate, folder / "plates" / f"plate_{number}.3mf")
+    return len(plates)
 
 
 def expectations(read: Any) -> list[tuple[str, str]]:
