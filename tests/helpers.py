@@ -70,6 +70,7 @@ CASES = [
         lambda: sg.shell.InclinedContact(shell("gent", a=7.5 * mm, b=8 * mm), distance=5 * mm, angle=0.17),
         50 * kPa,
         "force",
+        slow=True,
     ),
     Case(
         "inclined-parallel",
@@ -77,7 +78,7 @@ CASES = [
         55 * kPa,
         "force",
     ),
-    Case("cylinder-mooney", lambda: sg.shell.CylinderContact(shell("mooney"), **ROD), 15 * kPa, "force_z"),
+    Case("cylinder-mooney", lambda: sg.shell.CylinderContact(shell("mooney"), **ROD), 15 * kPa, "force_z", slow=True),
     Case("cylinder", lambda: sg.shell.CylinderContact(shell(), **ROD), 15 * kPa, "flat_length"),
     Case("offset-ogden", lambda: sg.shell.AxialOffset(shell("ogden"), height=40 * mm, **ROD), 8 * kPa, "force"),
     Case(
@@ -98,6 +99,7 @@ CASES = [
         lambda: sg.shell.Grasp(shell("gent"), mass=263 * gram, friction=1.3, eccentricity=5 * mm, lever="rim", **ROD),
         12 * kPa,
         "tilt_resistance",
+        slow=True,
     ),
 ]
 

@@ -292,7 +292,7 @@ SEARCHES = sorted(path.name for path in (ROOT / "configs").glob("*.toml") if "[d
 @pytest.mark.parametrize("name", SEARCHES)
 def test_every_search_of_the_project_is_read(name):
     wanted = settings.read(configs.load(ROOT / "configs" / name))
-    assert wanted.problem.space.size > 1
+    assert wanted.problem.space.size >= 1
     start = wanted.problem.space.to_unit(wanted.problem.space.reference)
     assert np.all((start >= 0) & (start <= 1)), "the start is within the bounds"
 
