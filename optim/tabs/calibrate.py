@@ -22,7 +22,7 @@ from bokeh.models import ColumnDataSource, HoverTool, Span
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import BLUE, VERMILION
 from softgrip_jax.explorer.page import CSS, Page, table_html
-from softgrip_jax.explorer.tabs import Line, Newest, chart, ended, side_by_side
+from softgrip_jax.explorer.tabs import Line, Newest, chart, ended, side_by_side, told
 from softgrip_jax.progress import Tell
 from softgrip_jax.results import in_units
 from softgrip_jax.units import kPa
@@ -217,19 +217,11 @@ class CalibrateTab:
                 raise KeyboardInterrupt
             say.put(f"{stage}: {done} of {total}" if total else stage)
 
-        try:
+        with told(self.page, self._end, "The fit was stopped before it was found."):
             fit = calibrate(fitting, report=report)
             findings = examine(fit, [method], REPEATS, 0, report)
             band = fit.band(0)
             self.page.later(lambda: self._show(findings, band))
-        except KeyboardInterrupt:
-            self.page.later(lambda: self._end("The fit was stopped before it was found."))
-        except InputError as error:
-            sentence = str(error)
-            self.page.later(lambda: self._end(sentence, True))
-        except Exception as error:  # told to the user: a thread has nobody else to tell
-            fault = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
-            self.page.later(lambda: self._end(fault, True))
 
     # --- what is shown ------------------------------------------------------------------------------------------------
 
@@ -280,9 +272,10 @@ def _is_number(cell: str) -> bool:
 
 def _is_value(cell: str) -> bool:
     try:
-        return bool(np.isfinite(float(cell)))
+        value = float(cell)
     except ValueError:
         return False
+    return bool(np.isfinite(value))
 
 
 def _points(made: Any, findings: Findings, values: np.ndarray) -> None:

@@ -22,7 +22,7 @@ from softgrip_jax.explorer.answers import state_of, with_unit
 from softgrip_jax.explorer.looks import BLUE, VERMILION
 from softgrip_jax.explorer.page import CSS, Page, table_html
 from softgrip_jax.explorer.session import PRESSURE
-from softgrip_jax.explorer.tabs import Line, Newest, Shape, chart, ended
+from softgrip_jax.explorer.tabs import Line, Newest, Shape, chart, ended, told
 from softgrip_jax.parameters import between
 from softgrip_jax.progress import Tell
 from softgrip_jax.quantities import LIMIT_MARGIN, LIMIT_PRESSURE, REQUIRED, Quantity
@@ -347,21 +347,13 @@ class SearchTab:
                 if state.ok:
                     draw.put(state.sections)
 
-        try:
+        with told(self.page, self._end, "The search was stopped before its first step; there is no best yet."):
             found = search(problem, starts=asked.starts, steps=STEPS, report=report, evaluator=make)
             state = state_of(scene_at(problem, found.best.x), asked.pressure)
             sections = state.sections if state.ok else ()
             seconds = time.monotonic() - began
             frame = batch[0].frame()
             self.page.later(lambda: self._show_end(asked, found, frame, sections, seconds))
-        except KeyboardInterrupt:
-            self.page.later(lambda: self._end("The search was stopped before its first step; there is no best yet."))
-        except InputError as error:
-            sentence = str(error)
-            self.page.later(lambda: self._end(sentence, True))
-        except Exception as error:  # told to the user: a thread has nobody else to tell
-            fault = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
-            self.page.later(lambda: self._end(fault, True))
 
     # --- what is shown ------------------------------------------------------------------------------------------------
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from html import escape
 from typing import Any
 
@@ -12,12 +13,28 @@ import panel as pn
 from bokeh.models import PanTool, ResetTool, SaveTool, WheelZoomTool
 from bokeh.plotting import figure
 
+from ..errors import InputError
 from ..geometry import Section
 from .looks import View, _plain
 from .page import CSS, Page
 
 READ_SECONDS = 3.0
 """A sentence about something wrong stays so long before progress takes its place."""
+
+
+@contextmanager
+def told(page: Page, end: Callable[[str, bool], None], stopped: str) -> Iterator[None]:
+    """Around the work of a thread: how it ended, other than well, is told by end(sentence, whether it is wrong)."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        page.later(lambda: end(stopped, False))
+    except InputError as error:
+        sentence = str(error)
+        page.later(lambda: end(sentence, True))
+    except Exception as error:  # told to the user: a thread has nobody else to tell
+        fault = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
+        page.later(lambda: end(fault, True))
 
 
 class Line:
