@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import locale
 import re
 import sys
 from itertools import pairwise
@@ -218,8 +219,9 @@ def test_plates_hold_every_printed_piece_once(bed, shell, tmp_path):
             box = solid_of(placed).bounding_box()
             assert pytest.approx((placed.x, placed.y, 0), abs=1e-5) == (box.min.X, box.min.Y, box.min.Z)
             assert pytest.approx(placed.size) == (box.size.X, box.size.Y)
-        path = tmp_path / f"plate_{number}.3mf"
+        path, before = tmp_path / f"plate_{number}.3mf", locale.setlocale(locale.LC_ALL)
         cad.write_plate(plate, path)
+        assert locale.setlocale(locale.LC_ALL) == before, "lib3mf sets another"
         wanted = sorted(p.piece.volume * p.scale**3 for p in plate)
         assert sorted(volumes_of(path)) == pytest.approx(wanted, rel=2e-3)
 

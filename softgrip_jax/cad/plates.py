@@ -6,7 +6,9 @@ the deepest first, each row as deep as its deepest piece (the shelf algorithm of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import locale
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,6 +71,16 @@ def solid_of(placed: Placed) -> Any:
     return moved(solid, (placed.x - low.X, placed.y - low.Y, -low.Z))
 
 
+@contextmanager
+def locale_kept() -> Iterator[None]:
+    """lib3mf sets the locale of the whole process to "C", in which Python reads the output of others as ASCII."""
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        yield
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
+
+
 def write_plate(plate: Sequence[Placed], path: Path) -> None:
     """A 3MF file of one plate, mm, each piece under its name."""
     mesher = kernel().Mesher()
@@ -76,9 +88,11 @@ def write_plate(plate: Sequence[Placed], path: Path) -> None:
         solid = solid_of(placed)
         solid.label = placed.piece.name
         mesher.add_shape(solid, linear_deflection=0.01, angular_deflection=0.1)
-    mesher.write(str(path))
+    with locale_kept():
+        mesher.write(str(path))
 
 
 def volumes_of(path: Path) -> list[float]:
     """The volumes of the solids of a 3MF file, mm^3."""
-    return [volume(solid) for solid in kernel().Mesher().read(str(path))]
+    with locale_kept():
+        return [volume(solid) for solid in kernel().Mesher().read(str(path))]
