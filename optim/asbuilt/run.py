@@ -27,6 +27,7 @@ from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
 
 from ..calibration.provenance import provenance
+from ..calibration.settings import TEST
 from ..design import settings as design_settings
 from ..design.run import run_design
 from ..records import summary, versions, write_csv
@@ -56,6 +57,8 @@ class Compared:
 def run_measure(config: Path, measured: Path, out: Path | None, console: Console, search: bool = False) -> Path:
     """Update a design by what was measured of it, and return the folder that holds it."""
     read = configs.load(config)
+    if search and "design" not in read.tables:
+        raise InputError(f"{config} has no section [design], so there is nothing to search again; leave out --search.")
     wanted = measured_settings.read(read, measured)
     with new_folder(out, f"{config.stem}_built") as (folder, final):
         with located(str(measured)), stages(console) as tell:
@@ -83,10 +86,6 @@ def run_measure(config: Path, measured: Path, out: Path | None, console: Console
     command = f"softgrip {'design' if 'design' in read.tables else 'solve'} {file}"
     console.print(summary("design as built", final, "" if search else command), soft_wrap=True)
     if search:
-        if "design" not in read.tables:
-            raise InputError(
-                f"{config} has no section [design], so there is nothing to search again; leave out --search."
-            )
         run_design(file, final / "search", console)
     return final
 
@@ -115,7 +114,7 @@ def space_of(settings: Settings) -> Space:
     if settings.calibration is not None:
         scenes = settings.config.scenes
         for one in settings.calibration.fitting.space.variables:
-            own = [name for name in one.name.split(" = ") if not name.startswith("tension test")]
+            own = [name for name in one.name.split(" = ") if not name.startswith(TEST)]
             variables.append(Variable(" = ".join(own), one.low, one.high, one.scale))
         return Space(scenes, variables)
     return settings.space
@@ -176,10 +175,9 @@ def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list
     value = float(np.asarray(measured.values)[0, k])
     x = problem.space.reference
     by_unit = np.asarray(slopes.values)[0, k]
-    # The variables are scaled to their bounds: dx of a small change of the unit value.
-    t = problem.space.to_unit(x)
-    ends = [np.asarray(problem.space.from_unit(jnp.asarray(t + step))) for step in (1e-6, -1e-6)]
-    by = (ends[0] - ends[1]) / 2e-6
+    space = problem.space
+    # The slopes are by unit values: x is linear in them, or exponential.
+    by = np.where(space.is_log, x * np.log(space.high / np.where(space.is_log, space.low, 1.0)), space.high - space.low)
     found = [
         (name, problem.label(quantity), float(slope / dx * at / value))
         for name, slope, dx, at in zip(problem.space.names, by_unit, by, x, strict=True)

@@ -18,7 +18,6 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
@@ -89,10 +88,8 @@ def read(config: configs.Config, path: Path) -> Settings:
             number.checked(value, "a value", where)
     variables = []
     for number in numbers:
-        drawn = Space(scenes, [Variable(number.name, 1.0, 2.0)]).reference
-        if np.size(drawn) != 1 or not drawn[0] > 0:
-            raise ConfigError(f"{where}: {number.key} must be one number above zero in the design.")
-        variables.append(Variable(number.name, drawn[0] * REACH, drawn[0] / REACH))
+        drawn = number.positive(scenes, number.name, where)
+        variables.append(Variable(number.name, drawn * REACH, drawn / REACH))
     with located(where):
         space = Space(scenes, variables)
     name = table.scene or next(iter(scenes))

@@ -79,15 +79,7 @@ def sheet(
     def size(solid: Any, factor: Number) -> str:
         return " x ".join(f"{factor * length:.5g}" for length in solids.extent(solid))
 
-    sizes = [
-        (
-            one.name,
-            what,
-            " x ".join(f"{scale * length:.5g}" for length in solids.extent(one.solid)),
-            one.volume * scale**3 / 1000,
-        )
-        for one, what, scale in printed
-    ]
+    sizes = [(one.name, what, size(one.solid, by), one.volume * by**3 / 1000) for one, what, by in printed]
     thick = [check for check in checks if check.unit == "mm"]
     others = [check for check in checks if check.unit != "mm"]
     bad = [check for check in checks if not check.good]

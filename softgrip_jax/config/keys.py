@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
 import pydantic
 
 from .. import config as configs
 from ..errors import ConfigError, located
-from ..parameters import Scenes
+from ..parameters import Parameter, Parameters, Scenes
 from ..quantities import (
     AT_REST,
     LIMIT_PRESSURE,
@@ -71,6 +72,15 @@ class Varied(NamedTuple):
         if scale == "log" and found[0] <= 0:
             raise ConfigError(f"{where}: {self.key} begins at {low:g}; on a log scale low must be above zero.")
         return found
+
+    def positive(self, scenes: Scenes, name: str, where: str, why: str = "") -> float:
+        """Its value in scenes where it is called `name`, SI; a ConfigError, which may say why, where it is not one
+        number above zero."""
+        values = Parameters(scenes, [Parameter(name)]).reference
+        if np.size(values) != 1 or not values[0] > 0:
+            said = " ".join(f"{value / self.unit:g}" for value in values)
+            raise ConfigError(f"{where}: {self.key} is {said}; it must be one number above zero{why}.")
+        return float(values[0])
 
 
 def varied(scenes: Scenes, keys: str | list[str], where: str) -> Varied:
