@@ -17,8 +17,10 @@ from scipy import optimize, stats
 
 import softgrip_jax as sg
 from optim.plan import settings
+from optim.plan.decision import decided
 from optim.plan.information import CRITERIA, Candidates, choose, evenly
 from optim.plan.plan import make
+from optim.plan.run import decided_words, record
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.units import kPa, mm
@@ -192,6 +194,76 @@ def plan_of(plan, k):
     return plan.settings.measurements[plan.of[k]].table.name
 
 
+YIELD = """
+[plan.decision]
+yield = 0.9
+samples = 256
+[[plan.decision.numbers]]
+name = "shell.t_m_mm"
+relative = 0.05
+[[plan.decision.requirements]]
+keep = "free.inflation_mm"
+at = {{ pressure_kPa = 10 }}
+high = {high}
+"""
+WEAKEST = 0.92
+"""Of the drawn product of mu and t_m: a shell below it inflates too far."""
+
+
+@pytest.fixture(scope="module")
+def casting(tmp_path_factory):
+    """Do nine parts of ten inflate by less than is allowed?"""
+    text = CONFIG.read_text().partition("[plan.decision]")[0].replace('criterion = "D"', 'criterion = "decision"')
+    free = configs.load(CONFIG).scenes["free"]
+    high = float(sg.solve(free, 10 * kPa / WEAKEST).inflation) / mm  # a function of p / (mu t_m) alone
+    path = tmp_path_factory.mktemp("casting") / "plan.toml"
+    path.write_text(text + YIELD.format(high=high))
+    return settings.read(configs.load(path))
+
+
+def product(draws):
+    """mu t_m over what is drawn."""
+    return draws[:, 0] * draws[:, 1] / (175 * kPa * 1.1 * mm)
+
+
+def test_a_yield_of_parts_is_that_of_the_closed_form(casting):
+    """A part is good where mu t_m (1 + 0.05 z) is at least WEAKEST of what is drawn, z standard normal."""
+    draws = np.array([175 * kPa, 1.1 * mm]) * np.exp(SPREADS * np.random.default_rng(0).normal(size=(6, 2)))
+    found = decided(casting, casting.decision, draws, lambda *_: None)
+    yields = stats.norm.sf((WEAKEST / product(draws) - 1) / 0.05)
+    assert np.ptp(yields) > 0.5
+    np.testing.assert_allclose(found.yields, yields, atol=0.01)
+    # The quantile is at most zero where nine of ten are good: its zero is that of the closed form.
+    tenth = product(draws) * (1 + 0.05 * stats.norm.ppf(0.1))
+    assert np.array_equal(found.values <= 0, tenth >= WEAKEST)
+    step = 1e-5
+    for j in range(2):
+        ends = [decided(casting, casting.decision, draws * np.exp(h * np.eye(2)[j]), lambda *_: None).values
+                for h in (step, -step)]  # fmt: skip
+        np.testing.assert_allclose(found.slopes[:, j], (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
+
+
+def test_a_plan_for_a_yield(casting):
+    plan = make(casting)
+    needed = WEAKEST / (1 + 0.05 * stats.norm.ppf(0.1))
+    likely = stats.norm.sf(np.log(needed) / np.hypot(*SPREADS))
+    assert plan.verdict.right_before == pytest.approx(max(likely, 1 - likely), abs=0.04)
+    assert plan.verdict.right_after > 0.9
+    # The product decides, and a free inflation or a force knows it; nobody needs to cut a shell open.
+    assert {plan_of(plan, k) for k in plan.chosen} <= {"free inflation", "force on a plane"}
+    words = " ".join(decided_words(plan))
+    assert "Whether it is at least 0.9 is decided rightly with a probability of" in words
+    assert record(plan)["decision"]["expected_yield"] == pytest.approx(
+        np.mean(stats.norm.sf((WEAKEST / product(draws_of(casting)) - 1) / 0.05)), abs=0.01
+    )
+
+
+def draws_of(read):
+    """What the plan takes for possible: a Sobol set."""
+    points = stats.qmc.Sobol(2, rng=read.table.seed).random(read.table.draws)
+    return np.array([175 * kPa, 1.1 * mm]) * np.exp(SPREADS * stats.norm.ppf(np.clip(points, 1e-6, 1 - 1e-6)))
+
+
 def test_command_line(tmp_path, capsys):
     out = tmp_path / "plan"
     assert run(["plan", str(CONFIG), "--out", str(out)]) == 0
@@ -229,6 +301,9 @@ def test_command_line(tmp_path, capsys):
         ("points = 5", "points = 0", "points"),
         ("points = 5", "budget = 0.5", "each costs more than the budget"),
         ("low = 19", "", "has neither low nor high"),
+        ("low = 19", "low = 19\nyield = 0.9", "there are yield and quantity"),
+        ('quantity = "plane.force_N"', "", "neither quantity nor yield"),
+        ("low = 19", "low = 19\nnumbers = [{ name = 'shell.t_m_mm', relative = 0.05 }]", "numbers belong to a yield"),
         ('name = "tension test"', 'name = "free inflation"', "two measurements are called 'free inflation'"),
         ("[plan]", '[plan]\nposterior = "p.nc"', "has a spread beside the posterior"),
     ],

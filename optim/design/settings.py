@@ -122,8 +122,8 @@ def read(config: configs.Config) -> Settings:
     with located(where):
         variables = [_variable(scenes, v, where) for v in table.variables]
         goals = [goal for g in table.goals for goal in _goals(scenes, g, where)]
-        limits = [_limits(scenes, c, where) for c in table.constraints]
-        required = [_limits(scenes, r, where) for r in uncertain.requirements] if uncertain else []
+        limits = [limits_of(scenes, c, where) for c in table.constraints]
+        required = [limits_of(scenes, r, where) for r in uncertain.requirements] if uncertain else []
         space, both = Space(scenes, variables), table.drive == "both"
         if not table.different_laws:
             require_one_law(space)
@@ -214,7 +214,8 @@ def _require_alone(table: DesignTable, where: str) -> None:
         raise ConfigError(f'{where}: drive = "both" and [design.uncertain] do not go together; leave out one of them.')
 
 
-def _limits(scenes: Scenes, table: ConstraintTable | RequirementTable, where: str) -> Limits:
+def limits_of(scenes: Scenes, table: ConstraintTable | RequirementTable, where: str) -> Limits:
+    """What a constraint or a requirement says."""
     wanted, unit = quantity(scenes, table.keep, table.at, where)
     return Limits(wanted, _times(table.low, unit), _times(table.high, unit), _times(table.scale, unit))
 

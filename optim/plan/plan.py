@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,21 +13,17 @@ from scipy.stats import qmc
 from softgrip_jax.draws import read_draws
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.progress import Tell, silent
-from softgrip_jax.quantities import QuantitySet
-from softgrip_jax.results import Status
 
 from ..calibration.identifiability import HELPFUL, TAKES_PART, UNKNOWN, combination, directions
+from .decision import LEAST_SHARE, Verdict, decided, verdict
 from .information import Candidates, choose, evenly
-from .settings import Decision, Settings
+from .settings import Settings
 
-LEAST_SHARE = 0.9
-"""What fewer of the draws have a state for is not planned: it might burst, or not touch."""
 NORMAL_95 = 1.96
 MOST_ROUNDS = 20
 """Times that every candidate of a measurement is repeated, at most, before it is said not to help."""
 BLIND = 1e3
 """Relative standard deviation of what nothing is known of: large, and safe to invert."""
-GRID = np.linspace(-6, 6, 2001)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,20 +48,6 @@ class Open:
         for name, count, cost in self.remedies:
             return f"{who} {what}. The cheapest here that does: {name} ({count} of it, cost {cost:g})."
         return f"{who} {what}. What would: measuring {'one of them' if len(self.names) > 1 else 'it'} itself."
-
-
-@dataclasses.dataclass(frozen=True)
-class Verdict:
-    """What a decision gains."""
-
-    mean: float
-    """Of the quantity over the draws, SI."""
-    before: float
-    """Standard deviation of the quantity, SI."""
-    after: float
-    right_before: float
-    """Probability that the decision is right."""
-    right_after: float
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,10 +127,9 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
     shares = ok[1:].mean(axis=0)
     repeats = np.array([settings.measurements[k].table.repeats for k in place])
     costs = np.array([settings.measurements[k].table.cost for k in place])
-    verdicts = None if settings.decision is None else _decided(settings, settings.decision, draws, tell)
-    decided = None if verdicts is None else verdicts[1]
+    about = None if settings.decision is None else decided(settings, settings.decision, draws, tell)
     most = np.where(shares < LEAST_SHARE, 0, repeats)
-    given = Candidates(row[1:], costs, most, prior, decided if settings.criterion == "decision" else None)
+    given = Candidates(row[1:], costs, most, prior, None if about is None else about.slopes)
     if not np.any(row):
         raise InputError("Nothing that could be measured has a state and depends on the numbers of the plan.")
     tell("choosing")
@@ -177,9 +157,9 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
         _open(settings, row[0], place, costs),
         None,
     )
-    if verdicts is None or settings.decision is None:
+    if about is None or settings.decision is None:
         return plan
-    return dataclasses.replace(plan, verdict=_verdict(plan, settings.decision, *verdicts))
+    return dataclasses.replace(plan, verdict=verdict(about, settings.decision, prior, given.covariance(chosen)))
 
 
 def _known(settings: Settings, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,49 +183,6 @@ def _known(settings: Settings, reference: np.ndarray) -> tuple[np.ndarray, np.nd
     covariance = np.atleast_2d(np.cov(np.log(whole), rowvar=False))
     evenly_taken = np.unique(np.linspace(0, len(whole) - 1, min(table.draws, len(whole))).astype(int))
     return whole[evenly_taken], covariance
-
-
-def _decided(settings: Settings, decision: Decision, draws: np.ndarray, tell: Tell) -> tuple[np.ndarray, np.ndarray]:
-    """(the quantity at every draw, its derivatives by the logarithms), of the draws that have a state."""
-    tell("compiling what is decided")
-    space = settings.fitting.given
-    asked = QuantitySet(settings.scenes, [decision.quantity])
-
-    def value(x: Any) -> tuple[Any, tuple[Any, Any]]:
-        scenes = space.scenes_at(x)
-        found = asked.measure({name: scenes[name] for name in settings.scenes})
-        return found.values[0], (found.values[0], found.statuses[0])
-
-    slopes, (values, status) = jax.jit(jax.vmap(jax.jacfwd(value, has_aux=True)))(jnp.asarray(draws))
-    good = (np.asarray(status) == Status.OK) & np.isfinite(np.asarray(values))
-    if good.mean() < LEAST_SHARE:
-        raise InputError(
-            f"{decision.key} has no value for {np.sum(~good)} of {len(good)} draws of what is known; it must have one "
-            f"for {LEAST_SHARE:.0%}."
-        )
-    g = np.where(good[:, None], np.asarray(slopes) * draws, 0.0)
-    return np.where(good, np.asarray(values), np.nan), g
-
-
-def _verdict(plan: Plan, decision: Decision, values: np.ndarray, g: np.ndarray) -> Verdict:
-    """How often the decision is right now, and after the plan.
-
-    After the data the quantity is normal about m with the variance v = mean g^T C g; before them m is normal about the
-    mean with the variance v_0 - v. Whoever decides for what is more probable is right with max(p, 1 - p).
-    """
-    mean = float(np.nanmean(values))
-    first = float(np.mean(np.einsum("mj,jk,mk->m", g, plan.candidates.prior, g)))
-    C = plan.candidates.covariance(plan.chosen)
-    last = float(np.mean(np.einsum("mj,mjk,mk->m", g, C, g)))
-
-    def right(left: float) -> float:
-        means = mean + np.sqrt(max(first - left, 0.0)) * GRID
-        normal = stats.norm(means, np.sqrt(left))
-        keeps = normal.cdf(decision.high) - normal.cdf(decision.low)
-        weight = stats.norm.pdf(GRID)
-        return float(np.sum(weight * np.maximum(keeps, 1 - keeps)) / np.sum(weight))
-
-    return Verdict(mean, np.sqrt(first), np.sqrt(last), right(first), right(last))
 
 
 # --- what cannot be told apart ----------------------------------------------------------------------------------------

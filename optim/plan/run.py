@@ -23,7 +23,8 @@ from softgrip_jax.units import DISPLAY, unit_key
 
 from ..records import summary, versions, write_csv
 from . import settings
-from .plan import LEAST_SHARE, Plan, make
+from .decision import LEAST_SHARE
+from .plan import Plan, make
 
 
 def run_plan(config: Path, out: Path | None, console: Console) -> Path:
@@ -65,7 +66,7 @@ def rows(plan: Plan) -> list[dict[str, Any]]:
                 "order": step,
                 "measurement": one.table.name,
                 "quantity": one.table.quantity or one.table.number,
-                "pressure_kPa": plan.x[k] / 1e3 if is_pressure else None,
+                "pressure_kPa": plan.x[k] / DISPLAY["pressure"][1] if is_pressure else None,
                 "strain": None if is_pressure or one.curve is None else plan.x[k],
                 "expected": expected[0],
                 "unit": one.table.unit,
@@ -80,9 +81,7 @@ def rows(plan: Plan) -> list[dict[str, Any]]:
 def _expected(plan: Plan, k: int) -> tuple[float, float]:
     """(mean, standard deviation) over what is known of a measurement, in its own unit."""
     one = plan.settings.measurements[plan.of[k]]
-    factor = one.table.noise / one.curve.noise if one.curve is not None and one.curve.noise else 0.0
-    factor = factor or 1 / plan.settings.factor(one)
-    values = plan.values[:, k] * factor
+    values = plan.values[:, k] / plan.settings.factor(one)
     return float(np.mean(values)), float(np.std(values))
 
 
@@ -107,13 +106,15 @@ def record(plan: Plan) -> dict[str, Any]:
     }
     if verdict is not None:
         found["decision"] = {
-            "quantity": plan.settings.decision.key if plan.settings.decision else "",
+            "about": plan.settings.decision.key if plan.settings.decision else "",
             "mean": verdict.mean,
             "standard_deviation_before": float(verdict.before),
             "standard_deviation_after": float(verdict.after),
             "right_before": verdict.right_before,
             "right_after": verdict.right_after,
         }
+        if verdict.yields is not None:
+            found["decision"]["expected_yield"] = float(np.mean(verdict.yields))
     return found | versions()
 
 
@@ -148,17 +149,29 @@ def report(plan: Plan, console: Console) -> None:
             soft_wrap=True,
             markup=False,
         )
-    if plan.verdict is not None and plan.settings.decision is not None:
-        v, decision = plan.verdict, plan.settings.decision
-        kind = next(k for k in DISPLAY if unit_key(decision.quantity.observable, k) == decision.key.split(".")[-1])
-        told = [in_units(one, kind) for one in (v.mean, 1.96 * v.before, 1.96 * v.after)]
-        console.print(
-            f"{decision.key} is expected to be {told[0]}, known to +- {told[1]} now and to +- {told[2]} after the "
-            f"plan. Whether it keeps its bounds is decided rightly with a probability of {v.right_before:.1%} now, and "
-            f"of {v.right_after:.1%} then.",
-            soft_wrap=True,
-            highlight=False,
-        )
+    for sentence in decided_words(plan):
+        console.print(sentence, soft_wrap=True, highlight=False)
+
+
+def decided_words(plan: Plan) -> list[str]:
+    """What is decided, and how well before and after."""
+    v, decision = plan.verdict, plan.settings.decision
+    if v is None or decision is None:
+        return []
+    rightly = f"is decided rightly with a probability of {v.right_before:.1%} now, and of {v.right_after:.1%} then."
+    if v.yields is not None and decision.uncertain is not None:
+        low, high = np.quantile(v.yields, [0.025, 0.975])
+        return [
+            f"The yield is expected to be {np.mean(v.yields):.1%}; for 95 % of what is possible it lies between "
+            f"{low:.1%} and {high:.1%}. Whether it is at least {decision.uncertain.wanted.promised:.4g} {rightly}"
+        ]
+    assert decision.quantity is not None
+    kind = next(k for k in DISPLAY if unit_key(decision.quantity.observable, k) == decision.key.split(".")[-1])
+    told = [in_units(one, kind) for one in (v.mean, 1.96 * v.before, 1.96 * v.after)]
+    return [
+        f"{decision.key} is expected to be {told[0]}, known to +- {told[1]} now and to +- {told[2]} after the plan. "
+        f"Whether it keeps its bounds {rightly}"
+    ]
 
 
 def _percent(share: float) -> str:
@@ -180,7 +193,7 @@ def draw(plan: Plan, path: Path) -> None:
         own = np.flatnonzero((plan.of == m) & (plan.shares > 0))
         told = np.array([_expected(plan, int(k)) for k in own])
         is_test = one.table.strains is not None
-        x = plan.x[own] if is_test else plan.x[own] / 1e3
+        x = plan.x[own] if is_test else plan.x[own] / DISPLAY["pressure"][1]
         chosen = np.array([int(k) in plan.chosen for k in own])
         points = [plots.Points("to be measured", x, told[:, 0], chosen)]
         line = plots.Line("expected, and 95 % of what is possible", x, told[:, 0], 1.96 * told[:, 1])

@@ -11,6 +11,9 @@
 `spread` is a relative standard deviation (the logarithm of the number is normal); `posterior` takes what is known from
 a file of `softgrip calibrate --posterior` instead. A measurement is a quantity of a scene at each of the pressures, the
 stress of its material at each of `strains`, or a number itself (`number = "shell.t_m_mm"`, for a calliper).
+
+`[plan.decision]` says what is decided: whether a `quantity` keeps `low` and `high`, or, with `yield = 0.95`, whether so
+many parts keep the `requirements` when the `numbers` scatter from part to part, both as `[design.uncertain]` has them.
 """
 
 from __future__ import annotations
@@ -30,6 +33,11 @@ from softgrip_jax.quantities import Quantity
 from ..calibration.data import UNITS, Curve
 from ..calibration.model import Fitting
 from ..calibration.settings import measured_of, model_name
+from ..design.settings import limits_of
+from ..problem import Limits
+from ..robust.evaluate import SAMPLES
+from ..robust.settings import CorrelationTable, RequirementTable, Uncertain, UncertainNumber, UncertainTable
+from ..robust.settings import read as read_uncertain
 from ..space import Space, Variable
 from .information import CRITERIA
 
@@ -56,10 +64,15 @@ class MeasurementTable(Table):
 
 
 class DecisionTable(Table):
-    quantity: str
+    quantity: str | None = None
     at: Any = None
     low: float | None = None
     high: float | None = None
+    yield_: float | None = pydantic.Field(default=None, alias="yield")
+    numbers: list[UncertainNumber] = []
+    correlations: list[CorrelationTable] = []
+    requirements: list[RequirementTable] = []
+    samples: int = pydantic.Field(default=SAMPLES, ge=64, le=65536)
 
 
 class PlanTable(Table):
@@ -87,13 +100,17 @@ class Measurement:
 
 @dataclasses.dataclass(frozen=True)
 class Decision:
-    """A quantity whose value decides, in SI."""
+    """What decides: a quantity, in SI, or the scaled violation that a share of all parts stays below."""
 
-    quantity: Quantity
-    unit: float
+    key: str
+    """Of the quantity, or "the yield"."""
     low: float
     high: float
-    key: str
+    quantity: Quantity | None = None
+    uncertain: Uncertain | None = None
+    """What scatters from part to part."""
+    limits: tuple[Limits, ...] = ()
+    """What a part must keep."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,10 +128,14 @@ class Settings:
     folder: Path
     where: str
     scenes: dict[str, Any]
+    space: Space
+    """The numbers in the scenes, without the tension tests beside them."""
 
     def factor(self, measurement: Measurement) -> float:
-        """The unit of a measurement's noise in SI, of a number itself."""
-        return UNITS[self.numbers[measurement.index].kind][measurement.table.unit]
+        """The unit of a measurement and of its noise, in SI."""
+        curve = measurement.curve
+        kind = self.numbers[measurement.index].kind if curve is None else curve.kind
+        return UNITS[kind][measurement.table.unit]
 
 
 def read(config: configs.Config) -> Settings:
@@ -143,10 +164,21 @@ def read(config: configs.Config) -> Settings:
         raise ConfigError(f"{where}: every measurement is of a number itself; there is nothing to plan.")
     with located(where):
         fitting = Fitting(models, _variables(config, models, table, numbers, where), curves)
+        space = Space(
+            config.scenes,
+            [
+                Variable(number.name, one.low, one.high, one.scale)
+                for number, one in zip(numbers, fitting.space.variables, strict=True)
+            ],
+        )
     criterion = table.criterion or ("decision" if table.decision else "D")
     if criterion == "decision" and table.decision is None:
         raise ConfigError(f'{where}: criterion is "decision", and there is no [plan.decision] that says which.')
-    decision = None if table.decision is None else _decision(config, table.decision, f"{where}, decision")
+    decision = None
+    if table.decision is not None:
+        place = f"{where}, decision"
+        is_yield = table.decision.yield_ is not None
+        decision = (_yield if is_yield else _quantity)(config, table.decision, space, place)
     spreads = None if table.posterior else np.array([parameter.spread for parameter in table.parameters], float)
     return Settings(
         table,
@@ -159,6 +191,7 @@ def read(config: configs.Config) -> Settings:
         config.path.parent,
         where,
         dict(config.scenes),
+        space,
     )
 
 
@@ -170,14 +203,9 @@ def _variables(
     names = [model_name(config.scenes, models, parameter.name, number) for parameter, number in pairs]
     found = []
     for parameter, number, name in zip(table.parameters, numbers, names, strict=True):
-        values = Space(models, [Variable(name, 1.0, 2.0)]).reference
-        if np.size(values) != 1 or not values[0] > 0:
-            raise ConfigError(
-                f"{where}: {number.key} is {' '.join(f'{v / number.unit:g}' for v in values)}; it must be one number "
-                "above zero, since its spread is relative."
-            )
+        value = number.positive(models, name, where, ", since its spread is relative")
         reach = float(np.exp(REACH * (parameter.spread or 1.0)))
-        found.append(Variable(name, values[0] / reach, values[0] * reach, "log"))
+        found.append(Variable(name, value / reach, value * reach, "log"))
     return found
 
 
@@ -221,7 +249,12 @@ def _factor(table: MeasurementTable, kind: str, place: str) -> float:
     return UNITS[kind][table.unit]
 
 
-def _decision(config: configs.Config, table: DecisionTable, where: str) -> Decision:
+def _quantity(config: configs.Config, table: DecisionTable, space: Space, where: str) -> Decision:
+    if table.quantity is None:
+        raise ConfigError(f"{where}: there is neither quantity nor yield; say what is decided on.")
+    for name in ("numbers", "correlations", "requirements"):
+        if getattr(table, name):
+            raise ConfigError(f"{where}: {name} belong to a yield; give yield = 0.95, for instance, or leave them out.")
     found, unit = quantity(config.scenes, table.quantity, table.at, where)
     if table.low is None and table.high is None:
         raise ConfigError(
@@ -231,4 +264,19 @@ def _decision(config: configs.Config, table: DecisionTable, where: str) -> Decis
     high = np.inf if table.high is None else table.high * unit
     if not low < high:
         raise ConfigError(f"{where}: low is {table.low:g} and high {table.high:g}; low must be below high.")
-    return Decision(found, unit, low, high, table.quantity)
+    return Decision(table.quantity, low, high, found)
+
+
+def _yield(config: configs.Config, table: DecisionTable, space: Space, where: str) -> Decision:
+    for name in ("quantity", "at", "low", "high"):
+        if getattr(table, name) is not None:
+            raise ConfigError(f"{where}: there are yield and {name}; what a part must keep are its requirements.")
+    for name in ("numbers", "requirements"):
+        if not getattr(table, name):
+            raise ConfigError(f"{where}: a yield has {name}; see [design.uncertain].")
+    limits = [limits_of(config.scenes, one, where) for one in table.requirements]
+    own = {"yield": table.yield_} | {
+        name: getattr(table, name) for name in ("numbers", "correlations", "requirements", "samples")
+    }
+    uncertain = read_uncertain(UncertainTable.model_validate(own), space, None, limits, where)
+    return Decision("the yield", -np.inf, 0.0, None, uncertain, tuple(limits))
