@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.commands.programs import QUICKLY, SIDE_BY_SIDE, program
+from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, root_by_chords, root_nearby
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
@@ -458,7 +458,7 @@ class Problem:
     def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch, all with one home."""
         home = jnp.asarray(self.home() if home is None else home)
-        return self._program(self.measure_with_slopes, QUICKLY, t, jnp.broadcast_to(home, jnp.shape(t)))
+        return self._program(self.measure_with_slopes, MANY_CALLS, t, jnp.broadcast_to(home, jnp.shape(t)))
 
     def measure_with_slopes(self, t: Float[Array, " n"], home: Float[Array, " n"]) -> tuple[Measured, Measured]:
         """`measure` and its derivatives by t (of values and shortfall), all variables in one forward pass.

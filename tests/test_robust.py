@@ -19,12 +19,12 @@ from optim.design.run import run_design
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.robust.budget import allocation
 from optim.robust.count import counted, promised
-from optim.robust.evaluate import Wants
+from optim.robust.evaluate import Answer, Wants
 from optim.robust.expansion import expanded, star
-from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, improved
+from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
-from optim.robust.statistics import Wanted, logit, quantile_weights, smoothed_logit
+from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
@@ -62,6 +62,9 @@ class Toy(Problem):
         a, b = toy.shell.a, toy.shell.b
         values = jnp.stack([a + 2 * b + self.bent * (a - 12 * mm) ** 2 / mm, a + b])
         return Measured(values, jnp.asarray(0.0), jnp.zeros(1, int))
+
+    def solve(self, t):
+        return self.measure(t)
 
 
 def toy(wanted, bent=0.0, distribution="normal", box=2.0):
@@ -155,6 +158,29 @@ def test_the_smoothed_yield_is_that_of_a_logistic_convolution_and_never_flat():
         total = float(jnp.sum(slope(jnp.asarray(g + shift), jnp.asarray(0.05))))
         assert np.isfinite(total)
         assert -1.01 / 0.05 < total < -0.1
+
+
+def test_a_wide_edge_asks_for_no_more_than_a_narrow_one():
+    """Of a normal violation the aim is the smoothed yield itself, by a million draws."""
+    g = np.random.default_rng(0).normal(-norm.ppf(0.95), 1.0, 1_000_000)
+    for width in (0.5, 0.2, 0.05):
+        assert aimed_logit(0.95, width) == pytest.approx(float(smoothed_logit(jnp.asarray(g), jnp.asarray(width))), abs=0.01)
+    assert aimed_logit(0.95, 0.0) == pytest.approx(logit(0.95), abs=1e-3)
+    assert aimed_logit(0.95, 0.5) < aimed_logit(0.95, 0.2) < logit(0.95)
+
+
+def test_a_corner_of_the_constraints_is_reached_where_line_searches_fail():
+    """Restored designs keep the constraints, and move no farther than they must."""
+
+    def answer(ts):
+        a, b = ts.T
+        values = np.stack([a + b, 0.5 - a, 0.3 - b, np.full(len(a), -1.0)], axis=1)
+        slopes = np.zeros((len(a), 4, 2))
+        slopes[:, 0], slopes[:, 1, 0], slopes[:, 2, 1] = 1.0, -1.0, -1.0
+        return Answer(values, slopes, np.zeros(len(a)))
+
+    found = _restored(answer, np.array([[0.45, 0.6], [0.4, 0.2], [0.9, 0.9]]))
+    np.testing.assert_allclose(found, [[0.5, 0.6], [0.5, 0.3], [0.9, 0.9]], atol=2e-4)
 
 
 def test_order_statistics_are_weighted_about_the_quantile():

@@ -152,7 +152,7 @@ class Evaluator:
         self.solves += len(t)
         if not self.is_near:
             return self._with_shortfalls(t)
-        return _evaluated(self._solve(t), t.shape[1])
+        return evaluated(self._solve(t), t.shape[1])
 
     def solutions(self, t: np.ndarray) -> dict[tuple[str, State], list[Solution]]:
         """The solved states of the designs at rows of unit values, along the whole way from zero load."""
@@ -186,7 +186,7 @@ class Evaluator:
         left, found = np.arange(len(t)), cast(Any, None)
         for _ in range(ROUNDS):
             measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
-            fresh = _evaluated(measured, t.shape[1], slopes)
+            fresh = evaluated(measured, t.shape[1], slopes)
             found = fresh if found is None else jax.tree.map(partial(_replaced, left), found, fresh)
             good = fresh.shortfall == 0
             self._remember(t[left], known, good)
@@ -217,7 +217,7 @@ class Evaluator:
         return [program(*rows) for rows in batches]
 
 
-def _evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
+def evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
     """What was solved, without a way back where there is no equilibrium."""
     count = len(found.values)
     by_t = np.full((*found.values.shape, variables), np.nan) if slopes is None else slopes

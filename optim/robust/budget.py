@@ -14,13 +14,13 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from scipy.optimize import minimize
 
 from .count import of_values
 from .evaluate import Wants
 from .improve import WIDTHS, Improved, improved
-from .statistics import smoothed_logit
+from .statistics import smoothed_logit, spread
 
 HALVED = 0.5
 NARROWEST, WIDEST = 0.25, 4.0
@@ -93,7 +93,10 @@ def budget(wants: Wants, best: Improved) -> Budget | None:
     )
 
 
-smoothed = jax.jit(smoothed_logit)
+@jax.jit
+def smoothed(broken: Float[Array, " n"], width: Float[Array, ""]) -> Float[Array, ""]:
+    """logit Y_w at a width in standard deviations."""
+    return smoothed_logit(broken, width * spread(broken))
 
 
 def allocation(

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..problem import Problem, Scales
-from .expansion import Expansion, expanded, star
+from .expansion import Expansion, expanded, powers, star
 from .parts import Parts, Requirements, as_rows
 from .scatter import Scatters
-from .statistics import LEAST_SHORTFALL, Wanted, asked_of_parts, with_row_by_row
+from .statistics import LEAST_SHORTFALL, Wanted, aimed_logit, asked_of_parts, with_row_by_row
 
 SAMPLES = 1024
 """Parts of a design that are solved for its yield: about 0.7 % of a yield of 95 % by independent samples, a few times
@@ -157,10 +157,11 @@ class Wants:
     def by_expansion(self, factors: Any = 1.0) -> Callable[[np.ndarray], list[Seen | None]]:
         """The parts of designs by their second-order expansion."""
         s = np.concatenate([np.zeros((1, self.scatters.size)), self.expanded_parts * factors])
+        known, none = powers(s), np.zeros(len(s))
 
         def seen(ts: np.ndarray) -> list[Seen | None]:
             return [
-                None if one is None else Seen(one.parts(s), None, np.zeros(len(s)), None, one, s)
+                None if one is None else Seen(one.of_powers(known), None, none, None, one, s)
                 for one in self.expansions(ts)
             ]
 
@@ -169,7 +170,9 @@ class Wants:
     # --- what is wanted of them ---------------------------------------------------------------------------------------
 
     def answer(self, seen: Callable[[np.ndarray], list[Seen | None]], width: float) -> Callable[[np.ndarray], Answer]:
-        """What is wanted of the parts of rows of designs, at a width of the smoothed edge."""
+        """What is wanted of the parts of rows of designs; width: of the smoothed edge, in standard deviations of the
+        worst violation."""
+        aim = 0.0 if self.wanted.promised is None else aimed_logit(self.wanted.promised, width)
 
         def answer(ts: np.ndarray) -> Answer:
             rows = []
@@ -177,16 +180,11 @@ class Wants:
                 if one is None or one.shortfall[0] > 0:
                     rows.append(None)
                     continue
-                values, (by_values, by_shortfall) = self.asked(one.values, one.shortfall, width)
+                values, (by_values, by_shortfall) = self.asked(one.values, one.shortfall, width, aim)
                 rows.append((np.asarray(values), one.pulled(np.asarray(by_values), np.asarray(by_shortfall))))
             return _together(rows, ts.shape[1])
 
         return answer
-
-    def spread(self, one: Seen) -> float:
-        """The standard deviation of the worst violation of the parts."""
-        worth, _ = self.row_by_row(one.values, one.shortfall)
-        return max(float(np.std(np.asarray(worth.broken)[1:])), 1e-6)
 
     def broken(self, values: np.ndarray, shortfall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(worst violation, objective) of parts."""

@@ -34,9 +34,13 @@ class Expansion(NamedTuple):
 
     def parts(self, s: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k q"]:
         """The values of parts."""
-        bent = np.einsum("kj,qjl->kql", s, self.by_ss)
-        bent = 0.5 * bent + np.einsum("kj,qjl->kql", s**2, self.cubic)
-        return self.values + s @ self.by_s.T + np.einsum("kql,kl->kq", bent, s)
+        return self.of_powers(powers(s))
+
+    def of_powers(self, powers: Float[np.ndarray, "k r"]) -> Float[np.ndarray, "k q"]:
+        """The values of parts whose `powers` are known."""
+        count = len(self.values)
+        by_all = [self.values[:, None], self.by_s, 0.5 * self.by_ss.reshape(count, -1), self.cubic.reshape(count, -1)]
+        return powers @ np.concatenate(by_all, axis=1).T
 
     def pulled(self, s: Float[np.ndarray, "k m"], by_values: Float[np.ndarray, "r k q"]) -> Float[np.ndarray, "r n"]:
         """The derivatives by t of what has the derivatives `by_values` by the values of parts; no table of their slopes
@@ -49,6 +53,14 @@ class Expansion(NamedTuple):
     def slopes(self, s: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k q n"]:
         """Their derivatives by t."""
         return self.by_t + np.einsum("qnm,km->kqn", self.by_ts, s) + 0.5 * np.einsum("qnm,km->kqn", self.by_tss, s**2)
+
+
+def powers(s: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k r"]:
+    """What the values of parts are linear in: 1, s_j, s_j s_k, s_j^2 s_k."""
+    count = len(s)
+    products = (s[:, :, None] * s[:, None]).reshape(count, -1)
+    cubes = (s[:, :, None] ** 2 * s[:, None]).reshape(count, -1)
+    return np.concatenate([np.ones((count, 1)), s, products, cubes], axis=1)
 
 
 def star(size: int) -> Float[np.ndarray, "k m"]:

@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from ..design.finish import Lost, boxed, in_step, on_bounds, remembered
-from .evaluate import Answer, Error, Seen, Wants
+from .evaluate import Answer, Error, Wants
 
 WIDTHS = (0.5, 0.2, 0.05)
 """Of the smoothed edge, in standard deviations of the worst requirement over the parts: at the last one a yield of 95 %
@@ -27,8 +27,11 @@ SAME, GOING_ON = 0.02, 2
 """Designs within this part of every range are one; so many go on after the first stage."""
 KEPT, KEPT_LOGIT = 2e-3, 1e-2
 """A constraint that is broken by less is kept; the logit of a yield of 95 % by 1e-2 is 0.05 % of the parts."""
-AGAIN = 2
-"""Times that the last stage begins anew where its end breaks a constraint: a line search may have failed."""
+STALLED, STILL = 8, 1e-5
+"""A line search whose last so many designs lie within this part of every range has failed."""
+RESTORING = 5
+"""Steps back to what keeps the constraints, at most, where a line search has failed: in a corner of the constraints the
+merit function of SLSQP is flat along the way back."""
 CANDIDATES = 4
 """Designs that are improved: with a dozen parts each they fill one call."""
 SHARE_ERROR, OBJECTIVE_ERROR = 5e-3, 2e-3
@@ -36,6 +39,10 @@ SHARE_ERROR, OBJECTIVE_ERROR = 5e-3, 2e-3
 the constraints by 0.2 %."""
 
 DERIVATIVES, BY_SAMPLES, ASCENT = "derivatives", "samples", "inner ascent"
+
+
+class Stalled(Exception):
+    """A line search that finds nothing better."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,7 +53,7 @@ class Improved:
         t: unit values.
         values: the objective, then the constraints, at the last width.
         kept: whether all constraints hold.
-        width: of the smoothed edge, of the scaled violation.
+        width: of the smoothed edge, in standard deviations of the worst violation.
         method: how its parts were known.
         error: of the expansion about it; None where it has none.
     """
@@ -90,22 +97,34 @@ def improved(
         ends = _in_step(wants.at_worst, starts)
         return _ranked(wants.at_worst(ends), ends, 0.0, method, False)
     look = wants.by_expansion(factors) if method == DERIVATIVES else wants.by_samples(factors)
-    has_yield, ends, width, found = wants.wanted.promised is not None, starts, 1.0, []
-    for share in widths if has_yield else widths[-1:]:
-        if has_yield:
-            width = share * _spread(wants, look(ends))
-        ends = _in_step(wants.answer(look, width), ends)
-        found = _ranked(wants.answer(look, width)(ends), ends, width, method, has_yield)
+    has_yield, ends, found = wants.wanted.promised is not None, starts, []
+    for width in widths if has_yield else widths[-1:]:
+        answer = wants.answer(look, width)
+        ends = _in_step(answer, ends)
+        found = _ranked(answer(ends), ends, width, method, has_yield)
         if not found:
             break
         ends = _distinct([one.t for one in found])
-    for _ in range(AGAIN):
-        if not found or found[0].kept:
+    if not found or found[0].kept:
+        return found
+    ends = _restored(answer, ends)
+    return sorted([*found, *_ranked(answer(ends), ends, width, method, has_yield)], key=lambda one: one.rank)
+
+
+def _restored(answer: Callable[[np.ndarray], Answer], ends: np.ndarray) -> np.ndarray:
+    """Designs that keep the constraints, by Newton's shortest steps from some that break them a little."""
+    for _ in range(RESTORING):
+        found = answer(ends)
+        broken = found.values[:, 1:] > -ENOUGH
+        broken &= np.any(found.values[:, 1:] > ENOUGH, axis=1)[:, None]
+        if not np.any(broken):
             break
-        ends = _in_step(wants.answer(look, width), ends)
-        again = _ranked(wants.answer(look, width)(ends), ends, width, method, has_yield)
-        found = sorted([*found, *again], key=lambda one: one.rank)
-    return found
+        ends = ends.copy()
+        for k, rows in enumerate(broken):
+            if np.any(rows):
+                slopes, values = found.value_slopes[k, 1:][rows], found.values[k, 1:][rows] + ENOUGH
+                ends[k] = np.clip(ends[k] - np.linalg.lstsq(slopes, values, rcond=1e-6)[0], 0.0, 1.0)
+    return ends
 
 
 def _distinct(rows: list[np.ndarray]) -> np.ndarray:
@@ -115,12 +134,6 @@ def _distinct(rows: list[np.ndarray]) -> np.ndarray:
         if all(np.max(np.abs(row - other)) > SAME for other in kept):
             kept.append(row)
     return np.stack(kept[:GOING_ON])
-
-
-def _spread(wants: Wants, seen: list[Seen | None]) -> float:
-    """Of the worst requirement, typical of some designs."""
-    found = [wants.spread(one) for one in seen if one is not None]
-    return float(np.median(found)) if found else 1.0
 
 
 def _ranked(answer: Answer, ends: np.ndarray, width: float, method: str, has_yield: bool) -> list[Improved]:
@@ -144,8 +157,22 @@ def _in_step(evaluate: Callable[[np.ndarray], Answer], starts: np.ndarray) -> np
             return values, slopes
 
         def run(t: np.ndarray, bounds: Any) -> np.ndarray:
+            seen: list[np.ndarray] = []
+
+            def objective(t: np.ndarray) -> float:
+                seen.append(t.copy())
+                if len(seen) >= STALLED and np.max(np.ptp(seen[-STALLED:], axis=0)) < STILL:
+                    raise Stalled
+                return told(t)[0][0]
+
+            try:
+                return programmed(objective, t, bounds)
+            except Stalled:
+                return seen[-1]
+
+        def programmed(objective: Callable[[np.ndarray], float], t: np.ndarray, bounds: Any) -> np.ndarray:
             return minimize(
-                lambda t: told(t)[0][0],
+                objective,
                 t,
                 jac=lambda t: told(t)[1][0],
                 bounds=bounds,

@@ -19,7 +19,7 @@ from softgrip_jax.quantities import State
 from softgrip_jax.results import Solution, in_units
 from softgrip_jax.units import DISPLAY
 
-from ..design.descent import Evaluated, Evaluator, chunk_for
+from ..design.descent import Evaluated, Evaluator, chunk_for, evaluated
 from ..problem import Limits, Problem
 from .scatter import ScatteredSpace, Scatters
 
@@ -27,8 +27,8 @@ BLOCK = 512
 """Parts that are looked up together among the states that are known: what a table of their distances takes, 80 MB."""
 COUNTED_AT_ONCE = 256
 """Parts that are counted by one call: without derivatives they take less memory."""
-AT_ONCE = 64
-"""Parts of scenes with one unknown that are solved by one call on a CPU."""
+AT_ONCE = 16
+"""Parts that are solved with derivatives by one call on a CPU: about as many as an expansion asks for."""
 
 
 def problem_of_parts(problem: Problem, scatters: Scatters) -> Problem:
@@ -55,7 +55,7 @@ class Parts:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.designed = problem.space.size - problem.space.scatters.size  # type: ignore[attr-defined]
-        self._evaluate = Evaluator(problem, chunk_for(AT_ONCE, AT_ONCE) if problem.followed else AT_ONCE)
+        self._evaluate = Evaluator(problem, chunk_for(AT_ONCE, AT_ONCE))
 
     @property
     def solves(self) -> int:
@@ -70,13 +70,18 @@ class Parts:
         state nearby is followed from zero load."""
         rows = np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1)
         if not self._evaluate.is_near:
-            return self._in_blocks(self._evaluate, rows, tell)
+            return self._in_blocks(self._directly, rows, tell)
         self._answer(rows[:1] * np.append(np.ones(len(t)), np.zeros(s.shape[1])))  # the design itself, to begin from
         return self._in_blocks(self._by_chords, rows, tell)
 
     def whole_way(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
         """Parts of one design t, each along the whole way from zero load, as `sg.solve` does it."""
         return self._evaluate.solve(np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1))
+
+    def _directly(self, rows: np.ndarray) -> Evaluated:
+        """Along the whole way, without derivatives."""
+        self._evaluate.solves += len(rows)
+        return evaluated(self._evaluate._in_chunks(self.problem.solved, BLOCK, rows), 0)
 
     def _by_chords(self, rows: np.ndarray) -> Evaluated:
         """With the Jacobians of parts nearby; what is not found so is answered like any other."""
@@ -89,12 +94,9 @@ class Parts:
         evaluate.solves += len(rows)
         nearest = np.argmin(np.sum((rows[:, None] - evaluate.at[None]) ** 2, axis=-1), axis=1)
         known = jax.tree.map(lambda v: v[nearest], evaluate.places)
-        found = evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known)
-        none = np.zeros((*found.values.shape, 0))
-        columns = (found.statuses, found.reasons, found.details)
-        whole = Evaluated(found.values, none, found.shortfall, none[:, 0], *columns)
+        found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
         left = np.flatnonzero(found.shortfall > 0)
-        return _put(whole, left, self._answer(rows[left])) if len(left) else whole
+        return _put(found, left, self._answer(rows[left])) if len(left) else found
 
     def _answer(self, rows: np.ndarray) -> Evaluated:
         evaluate = self._evaluate

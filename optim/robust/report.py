@@ -96,8 +96,8 @@ def sentences(problem: Problem, robust: Robust) -> list[str]:
         )
     if wanted.promised is not None:
         found.append(
-            f"The edge of the yield was smoothed over {best.width:.2g} (scaled) at last, a twentieth of the spread of "
-            "the worst requirement."
+            f"The edge of the yield was smoothed over {best.width:.2g} standard deviations of the worst requirement at "
+            "last."
         )
         assert robust.share is not None
         off = abs(robust.share - robust.of_best.share)

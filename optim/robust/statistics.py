@@ -6,11 +6,12 @@ From the values of N parts come the objective of the robust search and its const
     quantile     Harrell and Davis (1982): all order statistics, weighted by a Beta density about the quantile, so that
                  the derivative is not that of a single part
     yield        Y_w = mean of 1 / (1 + exp(g / w)), g the worst scaled violation of a part, w the width of the smoothed
-                 edge; the constraint is logit(wanted) - logit(Y_w) <= 0
+                 edge, a part of the standard deviation of g; the constraint is logit(aim) - logit(Y_w) <= 0
 
 Y_w is the yield that is counted where w goes to zero; at w its error is about (pi w)^2 / 6 times the slope of the
-density of g at the edge. The logit of a yield is nearly linear in the room that a design has, and its derivative stays
-finite and away from zero where every part fails or none does.
+density of g at the edge. The aim is what Y_w is where g is normal and the yield is the wanted one, so that a wide edge
+asks for no more than a narrow one. The logit of a yield is nearly linear in the room that a design has, and its
+derivative stays finite and away from zero where every part fails or none does.
 
 A part without equilibrium fails: its g is its shortfall, which says how far it is from one.
 """
@@ -24,7 +25,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from scipy.special import betainc
+from scipy.special import betainc, expit, ndtri
 
 from ..problem import Problem, Scales
 from .parts import Requirements
@@ -33,6 +34,9 @@ Kind = Literal["nominal", "expected", "quantile", "worst"]
 
 LEAST_SHORTFALL = 1e-3
 """A part without equilibrium is broken by at least this much, however near it is to one."""
+
+LEAST_SPREAD = 1e-6
+"""Of the worst scaled violation over the parts."""
 
 
 class Worth(NamedTuple):
@@ -82,6 +86,11 @@ def smoothed_logit(broken: Float[Array, " n"], width: Float[Array, ""]) -> Float
     return kept - failed
 
 
+def spread(broken: Float[Array, " n"]) -> Float[Array, ""]:
+    """Standard deviation, with a derivative where there is none."""
+    return jnp.sqrt(jnp.var(broken) + LEAST_SPREAD**2)
+
+
 def quantile_weights(count: int, share: float) -> Float[np.ndarray, " n"]:
     """Of the order statistics of so many values (Harrell and Davis)."""
     a, b = (count + 1) * share, (count + 1) * (1 - share)
@@ -93,18 +102,26 @@ def logit(share: float) -> float:
     return float(np.log(share / (1 - share)))
 
 
+def aimed_logit(share: float, width: float) -> float:
+    """logit Y_w of a normal violation of which this share is kept; width: w over its standard deviation."""
+    z = np.linspace(-8, 8, 16_001)
+    kept = expit((ndtri(share) - z) / max(width, 1e-3))
+    return logit(float(np.trapezoid(kept * np.exp(-(z**2) / 2), z) / np.sqrt(2 * np.pi)))
+
+
 def asked_of_parts(
     problem: Problem, requirements: Requirements, scales: Scales, wanted: Wanted
 ) -> Callable[..., tuple[Any, Any]]:
-    """asked(values, shortfalls, width): what is wanted of N parts and its derivatives by both.
+    """asked(values, shortfalls, width, aim): what is wanted of N parts and its derivatives by values and shortfalls.
 
-    values: (N, q), shortfalls: (N,); row 0 is the design itself, which counts for nominal values alone. The result is
-    one vector: the objective, then the constraints.
+    values: (N, q), shortfalls: (N,); width: of the edge, in standard deviations of the worst violation; aim: see
+    `aimed_logit`; row 0 is the design itself, which counts for nominal values alone. The result is one vector: the
+    objective, then the constraints.
     """
     of_part = worth(problem, requirements, scales)
     limits = len(problem.sides)
 
-    def asked(values: Array, shortfalls: Array, width: Array) -> Array:
+    def asked(values: Array, shortfalls: Array, width: Array, aim: Array) -> Array:
         found = jax.vmap(of_part)(values, shortfalls)
         known = shortfalls[1:] <= 0
         sharp = jnp.maximum(jnp.sum(known), 1)
@@ -123,7 +140,7 @@ def asked_of_parts(
         parts = found.objective[1:]
         goal = found.objective[0] if statistic is None else statistic(parts)
         if wanted.promised is not None:
-            rows = [(logit(wanted.promised) - smoothed_logit(found.broken[1:], width))[None]]
+            rows = [(aim - smoothed_logit(found.broken[1:], width * spread(found.broken[1:])))[None]]
             if requirements.limits is not None:
                 rows.append(found.violations[0, :limits])
         else:
@@ -134,8 +151,8 @@ def asked_of_parts(
             rows.append(jnp.sum(jnp.where(known, 0.0, shortfalls[1:] + LEAST_SHORTFALL))[None] / len(known))
         return jnp.concatenate([goal[None], *rows])
 
-    def both(values: Array, shortfalls: Array, width: Array) -> tuple[Array, Any]:
-        return asked(values, shortfalls, width), jax.jacrev(asked, argnums=(0, 1))(values, shortfalls, width)
+    def both(*args: Array) -> tuple[Array, Any]:
+        return asked(*args), jax.jacrev(asked, argnums=(0, 1))(*args)
 
     return jax.jit(both)
 
