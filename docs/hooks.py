@@ -24,6 +24,7 @@ ORDER = (
     "design_search",
     "parameter_study",
     "calibration",
+    "from_design_to_cast",
     "your_own_scene",
 )
 """The notebooks from the first steps on."""

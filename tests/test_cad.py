@@ -1,10 +1,14 @@
 """Exported solids are what the config says, moulds leave exactly the part, and what cannot be made is one sentence."""
 
 import dataclasses
+import html
 import json
 import locale
 import re
+import shutil
+import subprocess
 import sys
+from collections import Counter
 from itertools import pairwise
 
 import numpy as np
@@ -24,6 +28,7 @@ from softgrip_jax import cad  # noqa: E402
 from softgrip_jax.cad import solids  # noqa: E402
 from softgrip_jax.cad.checks import check_mould, undercut  # noqa: E402
 from softgrip_jax.cad.finger_parts import chambers_of  # noqa: E402
+from softgrip_jax.cad.pdf import widths_of  # noqa: E402
 from softgrip_jax.cad.plates import solid_of, volumes_of  # noqa: E402
 
 TABLE = cad.ManufactureTable()
@@ -197,6 +202,39 @@ def test_the_command_writes_a_folder(tmp_path, capsys):
     page = (out / "sheet.html").read_text()
     assert "limit pressure" in page
     assert "http" not in page
+
+
+def test_both_sheets_say_the_same(shell, tmp_path):
+    """Every word of the HTML page, markup aside, stands in the PDF, which is the same file each time."""
+    pytest.importorskip("reportlab", reason="the extra cad is not installed")
+    checks = list(cad.check_thicknesses(shell, {p.name: p.solid for p in shell.pieces}))
+    wide = [(f"quantity {k}", "a value that needs more than one line of any page " * 4) for k in range(60)]
+    content = cad.sheet(shell, TABLE, checks, [*wide, ("a<b&c", "1 mm")], [], 1.001)
+    for name in ("one.pdf", "two.pdf"):
+        assert cad.write_pdf(tmp_path / name, "pad \u4e2d: shell", content)
+    assert (tmp_path / "one.pdf").read_bytes() == (tmp_path / "two.pdf").read_bytes()
+    if shutil.which("pdftotext") is None:
+        pytest.skip("needs pdftotext of poppler")
+    subprocess.run(["pdftotext", "-layout", "one.pdf"], cwd=tmp_path, check=True)
+    seen = Counter((tmp_path / "one.txt").read_text(encoding="utf-8").split())
+    page = html.unescape(re.sub("(?s)<style>.*?</style>|<[^>]*>", " ", cad.as_html("pad ?: shell", content)))
+    missing = Counter(page.replace("pad ?: shell", "", 1).split()) - seen
+    assert not missing
+
+
+def test_without_reportlab_there_is_no_pdf(monkeypatch, tmp_path):
+    for name in ("reportlab", "reportlab.lib.pagesizes"):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert not cad.write_pdf(tmp_path / "sheet.pdf", "pad", [])
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("width", [200.0, 495.0])
+def test_columns_fit_the_page(width):
+    pytest.importorskip("reportlab", reason="the extra cad is not installed")
+    found = widths_of([["a", "long " * 50, "longer " * 50], ["word", "", ""]], width)
+    assert sum(found) == pytest.approx(width)
+    assert found[2] > found[1] > found[0] > 20
 
 
 @pytest.mark.parametrize("bed", [[300.0, 300.0, 250.0], [130.0, 75.0, 60.0]])

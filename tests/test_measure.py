@@ -12,7 +12,7 @@ from conftest import ROOT
 
 import softgrip_jax as sg
 from optim.asbuilt import settings
-from optim.asbuilt.update import updated
+from optim.asbuilt.update import calibrated, updated
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.units import gram, kPa, mm
@@ -146,6 +146,25 @@ def test_from_measurements_to_a_design_file(tmp_path, capsys):
     seen = {one["name"]: one for one in result["observables"]}
     assert seen["inflation"]["built"] == pytest.approx(float(inflation(np.array([8 * kPa]))[0]), rel=0.01)
     assert run(["solve", str(out / "as_built.toml")]) == 0
+
+
+def test_the_noise_of_a_curve_is_that_of_its_fit(tmp_path):
+    """Wall and modulus bend the curve alike: one of them is fitted, the other is held and takes no freedom from the
+    noise; their product is known as well as the curve knows it."""
+    pressure = np.linspace(2, 12, 6)
+    height = inflation(pressure * kPa) / mm + np.random.default_rng(7).normal(0, 0.1, 6)
+    rows = "\n".join(f"{p:.6g},{h:.6g}" for p, h in zip(pressure, height, strict=True))
+    (tmp_path / "first.csv").write_text(f"pressure_kPa,inflation_mm\n{rows}\n", encoding="utf-8")
+    alone = MEASURED[: MEASURED.rindex("[[numbers]]")]
+    wanted = read(tmp_path, alone + CURVE)
+    known = calibrated(wanted, updated(wanted))
+    sigma = float(known.fit.member.sigma[0])
+    assert sigma == pytest.approx(known.fit.rmse(0) * (6 / 5) ** 0.5, rel=1e-6)
+    x = np.array([known.built[0], known.fit.x[1]])
+    by_product = np.asarray(known.fit.predicted.slopes)[:, 1] * x[1]
+    spread = known.joint / np.outer(x, x)
+    assert np.sqrt(spread.sum()) == pytest.approx(sigma / np.linalg.norm(by_product), rel=1e-3)
+    assert np.sqrt(spread[0, 0]) == pytest.approx(known.deviations[0] / x[0])
 
 
 def inflation(pressures):

@@ -34,6 +34,7 @@ def test_there_is_one_for_each_step():
         "parameter_study",
         "calibration",
         "your_own_scene",
+        "from_design_to_cast",
     }
 
 

@@ -310,7 +310,7 @@ class Fitting:
         jacobian = predicted.slopes * jnp.asarray(scales)[None, :] * (jnp.sqrt(weight) / sigma)[:, None]
         covariance = _inverse_square(jacobian)
         r = jnp.where(weight > 0, (predicted.response.values - member.y) / sigma, 0.0)
-        leverage = jnp.einsum("ij,jk,ik->i", jacobian, covariance, jacobian)
+        leverage = _leverage(jacobian * member.free[None, :])  # a parameter that is held fits nothing
         curves = jnp.arange(count)[:, None] == of_curve[None, :]
         freedom, points = curves @ (weight - leverage), curves @ weight
         if self.loss == "linear":
@@ -349,6 +349,16 @@ def _inverse_square(jacobian: Array) -> Array:
     least = jnp.finfo(s.dtype).eps * jnp.max(s)
     rows = vt / jnp.maximum(s, jnp.where(least > 0, least, 1.0))[:, None]
     return rows.T @ rows
+
+
+DETERMINED = 1e-9
+"""Singular values below this part of the largest are rounding of the derivatives: nothing is fitted along them."""
+
+
+def _leverage(jacobian: Array) -> Array:
+    """diag J (J^T J)^+ J^T, whose sum is the number of directions that the points determine."""
+    u, s, _ = jnp.linalg.svd(jacobian, full_matrices=False)
+    return jnp.sum(jnp.where(s > DETERMINED * jnp.max(s), u, 0.0) ** 2, axis=1)
 
 
 NO_STATE_MISFIT = 2.0

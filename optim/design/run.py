@@ -167,8 +167,11 @@ def _write(
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
     scenes = best_scenes(result)
+    # As the config has them: `measure` and `export` take the first one, and [manufacture] belongs to the part.
+    scenes = {name: scenes[name] for name in dict.fromkeys([*read.scenes, *scenes])}
     name, at = settings.asked_first(problem)
-    text = configs.dump(scenes, comment, **settings.question(at, scenes[name]))
+    kept = {name: read.tables[name] for name in ("manufacture",) if name in read.tables}
+    text = configs.dump(scenes, comment, **settings.question(at, scenes[name]), **kept)
     (folder / "best.toml").write_text(text, encoding="utf-8")
     write_csv(folder / "designs.csv", _design_rows(problem, result))
     steps = len(result.history["moving"])

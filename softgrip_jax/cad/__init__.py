@@ -24,10 +24,12 @@ from .finger_parts import gripper_base as gripper_base
 from .limits import check_bed
 from .parts import Export as Export
 from .parts import Piece as Piece
+from .pdf import write_pdf as write_pdf
 from .plates import laid_out as laid_out
 from .plates import printed as printed
 from .plates import write_plate as write_plate
 from .rules import ManufactureTable as ManufactureTable
+from .sheet import as_html as as_html
 from .sheet import sheet as sheet
 from .sheet import silicone as silicone
 from .shell_parts import shell_export as shell_export

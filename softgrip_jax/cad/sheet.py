@@ -1,16 +1,56 @@
-"""The sheet that goes to the bench with an exported design: one HTML page without anything from outside."""
+"""The sheet that goes to the bench with an exported design: what stands in it, and the HTML page of it.
+
+The content is a list of blocks. It is written as HTML here, without anything from outside, and as PDF in `pdf`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from typing import Any
+from typing import NamedTuple
 
 from . import solids
 from .checks import Check
 from .parts import Export
 from .rules import ManufactureTable
 from .solids import Number
+
+POURS = ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)")
+
+
+class Heading(NamedTuple):
+    """Of a section."""
+
+    text: str
+
+
+class Text(NamedTuple):
+    """A paragraph; `bad` where it tells of a mistake."""
+
+    text: str
+    bad: bool = False
+
+
+class Rows(NamedTuple):
+    """A table; floats are numbers and stand on the right."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[object]]
+
+
+class Picture(NamedTuple):
+    """A picture by the name of its file, which stands beside the sheet."""
+
+    name: str
+
+
+class Steps(NamedTuple):
+    """A numbered list."""
+
+    steps: Sequence[str]
+
+
+Content = Sequence[Heading | Text | Rows | Picture | Steps]
 
 STYLE = """body{font:15px/1.45 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}
 table{border-collapse:collapse;margin:.6em 0 1.4em}td,th{border:1px solid #bbb;padding:.25em .6em;text-align:left}
@@ -50,29 +90,15 @@ def silicone(export: Export, table: ManufactureTable) -> list[tuple[str, float, 
     return rows
 
 
-def table_of(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """An HTML table; numbers stand on the right."""
-
-    def cell(value: object) -> str:
-        if isinstance(value, float):
-            return f'<td class="n">{value:.7g}</td>'
-        return f"<td>{escape(str(value))}</td>"
-
-    head = "".join(f"<th>{escape(word)}</th>" for word in header)
-    body = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
-    return f"<table><tr>{head}</tr>{body}</table>"
-
-
 def sheet(
-    title: str,
     export: Export,
     table: ManufactureTable,
     checks: Sequence[Check],
     expected: Sequence[tuple[str, str]],
     pictures: Sequence[str],
     scale: Number,
-) -> str:
-    """The page; `expected` is what the model says of the design, `pictures` are names of files beside it."""
+) -> Content:
+    """What stands in the sheet; `expected` is what the model says of the design, `pictures` are names of files."""
     printed = [(one, "part", 1.0) for one in export.pieces if one.made == "printed"]
     printed += [(one, f"mould of the {mould.casts}", scale) for mould in export.moulds for one in mould.pieces]
 
@@ -84,36 +110,75 @@ def sheet(
     others = [check for check in checks if check.unit != "mm"]
     bad = [check for check in checks if not check.good]
     verdict = f"All {len(checks)} checks hold." if not bad else f"{len(bad)} of {len(checks)} checks fail."
-    parts = [
-        f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(title)}</title><style>{STYLE}</style>",
-        f"<h1>{escape(title)}</h1><p{' class=bad' if bad else ''}>{verdict}</p>",
-        table_of(("dimension", "value"), list(export.facts.items())),
-        *(f'<p><img src="{escape(name)}" alt=""></p>' for name in pictures),
-        "<h2>Silicone</h2>",
-        table_of(
+    return [
+        Text(verdict, bool(bad)),
+        Rows(("dimension", "value"), list(export.facts.items())),
+        *(Picture(name) for name in pictures),
+        Heading("Silicone"),
+        Rows(
             ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)"), silicone(export, table)
         ),
-        f"<p>Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. "
-        f"Moulds are larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %.</p>",
-        "<h2>To print</h2>",
-        table_of(("piece", "for", "size (mm)", "volume (cm^3)"), sizes),
-        "<h2>Steps</h2><ol>" + "".join(f"<li>{escape(step)}</li>" for step in STEPS[export.kind]) + "</ol>"
-        if export.moulds
-        else "",
-        "<h2>What the model expects</h2>",
-        table_of(("quantity", "value"), list(expected)),
-        "<h2>Thicknesses, measured in the solids</h2>",
-        table_of(
-            ("where", "part", "asked (mm)", "measured (mm)"), [(c.what, c.piece, c.expected, c.found) for c in thick]
+        Text(
+            f"Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. "
+            f"Moulds are larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %."
         ),
-        "<h2>Checks</h2>",
-        table_of(
+        Heading("To print"),
+        Rows(("piece", "for", "size (mm)", "volume (cm^3)"), sizes),
+        *([Heading("Steps"), Steps(STEPS[export.kind])] if export.moulds else []),
+        Heading("What the model expects"),
+        Rows(("quantity", "value"), list(expected)),
+        Heading("Thicknesses, measured in the solids"),
+        Rows(
+            ("where", "part", "asked (mm)", "measured (mm)"),
+            [(c.what, c.piece, float(c.expected), float(c.found)) for c in thick],
+        ),
+        Heading("Checks"),
+        Rows(
             ("check", "of", "expected", "found", "allowed difference", "holds"),
             [
                 (c.what, c.piece, float(c.expected), float(c.found), float(c.allowed), "yes" if c.good else "NO")
                 for c in others
             ],
         ),
-        "</html>",
     ]
-    return "\n".join(part for part in parts if part)
+
+
+KIND = ("", ' class="n"')
+"""Of a cell with words, and of one with a number."""
+
+
+def cell_text(value: object) -> str:
+    """A cell of a table, as both sheets write it."""
+    return f"{value:.7g}" if isinstance(value, float) else str(value)
+
+
+def as_html(title: str, content: Content) -> str:
+    """The page."""
+    return "\n".join(
+        [
+            f"<!doctype html><html lang=en><meta charset=utf-8><title>{escape(title)}</title><style>{STYLE}</style>",
+            f"<h1>{escape(title)}</h1>",
+            *(_html(block) for block in content),
+            "</html>",
+        ]
+    )
+
+
+def _html(block: Heading | Text | Rows | Picture | Steps) -> str:
+    match block:
+        case Heading(text):
+            return f"<h2>{escape(text)}</h2>"
+        case Text(text, bad):
+            return f"<p{' class=bad' if bad else ''}>{escape(text)}</p>"
+        case Picture(name):
+            return f'<p><img src="{escape(name)}" alt=""></p>'
+        case Steps(steps):
+            return "<ol>" + "".join(f"<li>{escape(step)}</li>" for step in steps) + "</ol>"
+        case Rows(header, rows):
+            head = "".join(f"<th>{escape(word)}</th>" for word in header)
+            body = "".join(f"<tr>{''.join(map(_html_cell, row))}</tr>" for row in rows)
+            return f"<table><tr>{head}</tr>{body}</table>"
+
+
+def _html_cell(value: object) -> str:
+    return f"<td{KIND[isinstance(value, float)]}>{escape(cell_text(value))}</td>"

@@ -1,6 +1,7 @@
 """`softgrip export CONFIG.toml`: solids of a design, its moulds, and the sheet for the bench.
 
-Reads the scene of a config and its section [manufacture]; writes a folder of STEP and STL files, pictures, sheet.html.
+Reads the scene of a config and its section [manufacture]; writes a folder of STEP and STL files, pictures, the
+sheet as HTML and as PDF.
 """
 
 from __future__ import annotations
@@ -46,10 +47,10 @@ def run_export(
             expected = expectations(read)
             status.update("drawing")
             pictures = draw_all(folder, export)
-        page = cad.sheet(
-            f"{read.path.stem}: {export.kind}", export, table, checks, expected, pictures, cad.growth(table)
-        )
-        (folder / "sheet.html").write_text(page, encoding="utf-8")
+        title = f"{read.path.stem}: {export.kind}"
+        content = cad.sheet(export, table, checks, expected, pictures, cad.growth(table))
+        (folder / "sheet.html").write_text(cad.as_html(title, content), encoding="utf-8")
+        has_pdf = cad.write_pdf(folder / "sheet.pdf", title, content)
         (folder / "config.toml").write_bytes(configs.standalone(config))
         found = {
             "kind": export.kind,
@@ -64,6 +65,8 @@ def run_export(
         }
         (folder / "result.json").write_text(json.dumps(found, indent=2), encoding="utf-8")
     bad = [check for check in checks if not check.good]
+    if not has_pdf and not as_json:
+        console.print(r'There is no sheet.pdf: it needs reportlab, pip install "softgrip_jax\[cad]".', soft_wrap=True)
     if as_json:
         tell_folder(as_json, final)
     else:
