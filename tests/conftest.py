@@ -32,19 +32,6 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(ROOT / ".pytest_cache" / "jax")
 
 
-def pin(worker):
-    """One core for each worker of xdist: XLA's threads wait for each other at every small operation, and on cores that
-    workers share they wait for their turn, too. On a single core jaxlib 0.10.1 compiles no batch of energy membranes
-    (it loses the type of LAPACK's calls), so that it sees all cores first."""
-    if worker and hasattr(os, "sched_setaffinity"):
-        jax.devices()
-        cores = sorted(os.sched_getaffinity(0))
-        for thread in os.listdir("/proc/self/task"):
-            os.sched_setaffinity(int(thread), {cores[int(worker[2:]) % len(cores)]})
-
-
-pin(os.environ.get("PYTEST_XDIST_WORKER", ""))
-
 LONGEST = [
     "docs",
     "energy",
