@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -99,6 +99,11 @@ def measured_and_fitted(panels: Sequence[Panel]) -> Figure:
         >>> len(sg.plots.measured_and_fitted([panel]).axes)
         1
     """
+    return two_in_a_row(panels, _draw)
+
+
+def two_in_a_row(panels: Sequence[Any], draw: Callable[[Any, Any], None]) -> Figure:
+    """A figure of diagrams, each drawn by draw(axes, panel)."""
     columns = min(len(panels), 2)
     rows = -(-len(panels) // columns)
     with mpl.rc_context(STYLE):
@@ -107,7 +112,7 @@ def measured_and_fitted(panels: Sequence[Panel]) -> Figure:
         for ax in axes[len(panels) :]:
             ax.set_visible(False)
         for ax, panel in zip(axes, panels, strict=False):
-            _draw(ax, panel)
+            draw(ax, panel)
     return figure
 
 

@@ -9,8 +9,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION, WIDTH
-from .fits import MARKS, Points
+from .figures import BLUE, BODY, GREEN, ORANGE, STYLE, VERMILION
+from .fits import MARKS, Points, two_in_a_row
 
 BINS = 40
 SHOWN = 2000
@@ -125,16 +125,7 @@ def predictive(bands: Sequence[Band]) -> Figure:
         >>> len(sg.plots.predictive([band]).axes)
         1
     """
-    columns = min(len(bands), 2)
-    rows = -(-len(bands) // columns)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH * (1.0 if columns > 1 else 0.6), 2.9 * rows))
-        axes = figure.subplots(rows, columns, squeeze=False).ravel()
-        for ax in axes[len(bands) :]:
-            ax.set_visible(False)
-        for ax, band in zip(axes, bands, strict=False):
-            _band(ax, band)
-    return figure
+    return two_in_a_row(bands, _band)
 
 
 def _band(ax: Any, band: Band) -> None:
