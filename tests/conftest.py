@@ -19,13 +19,12 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Compiling is most of the time of a run: done as for the commands (see softgrip_jax/commands/programs.py), and what has
 # not changed is taken from here.
 gc.set_threshold(1_000_000)
+if jaxlib_version < (0, 11):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 # LLVM's optimisation is much of that time, and saves a program that runs a few times nothing; the commands do without
 # it, too. `make test-all` and `make check` go through the optimised programs.
 unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
 jax.config.update("jax_disable_most_optimizations", unoptimised)
-if jaxlib_version < (0, 11):
-    preset = "--xla_cpu_opt_preset=fast_compile" if unoptimised else ""
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false {preset}".strip()
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 # Commands that tests run as processes of their own share it.
