@@ -43,8 +43,12 @@ def uniform(scene: Any) -> Any:
     """The finger of a scene.
 
     Raises:
-        InputError: where its segments differ.
+        InputError: where its segments differ, and for a cell under an axial force.
     """
+    if isinstance(scene, pneunet.Cell) and float(scene.axial_force) != 0:
+        raise InputError(
+            f"Cell.axial_force is {float(scene.axial_force):.4g} N; finite elements are there for cells without one."
+        )
     if scene.finger.segments is not None:
         raise InputError("the finger has segments of its own; finite elements are there for uniform fingers.")
     return scene.finger

@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..shell.energy.scene import EnergyScene
 from ..shell.flat_shell import ShellScene
 from ..shell.obstacles import Obstacle, Plane
+from ..units import mm
 from .boxes import divided, facets_on, line, mesh
 from .equilibrium import Contact, Model, State, Touch
 from .run import Target
@@ -46,22 +47,25 @@ class Plate:
     """The solid of a shell's scene on a mesh.
 
     Args:
-        scene: of a shell, or a finger's chamber with parallel walls.
+        scene: of a shell, or a finger's chamber.
         parts: into how many each cell of the first mesh is divided along each axis.
 
     Raises:
-        InputError: for a chamber whose walls are inclined.
+        InputError: for a chamber whose walls overlap at rest.
     """
 
     def __init__(self, scene: Any, parts: int = 1):
         self.scene = scene
         if isinstance(scene, pneunet.Chamber):
-            if float(scene.inclination) != 0.0:
-                raise InputError("Chamber.inclination is not 0; finite elements are there for parallel walls.")
             finger: Any = scene.finger
             self.material, sizes = finger.material, (finger.b, finger.a, finger.t_m)
-            self.obstacle: Obstacle | None = Plane(finger.h_x) if float(finger.h_x) > 0 else None
-            symmetry = "both"
+            distance, incline = (float(one) for one in scene.nearer_edge())
+            if distance < 0:
+                raise InputError(f"the walls overlap by {-2 * distance / mm:.4g} mm before there is any pressure.")
+            # The chamber's height, along which its wall inclines, is the y axis here.
+            height = (distance + float(finger.a) * np.sin(incline)) / np.cos(incline)
+            self.obstacle: Obstacle | None = Plane(height, tilt_x=incline) if height > 0 else None
+            symmetry = "both" if incline == 0 else "across"
         else:
             membrane = scene.shell
             self.material, sizes = membrane.material, (membrane.a, membrane.b, membrane.t_m)
