@@ -13,7 +13,7 @@ class Latest(Generic[T]):
     """A thread that answers the newest of many questions in stages, and gives an answer up when a newer one is there.
 
     answer: gives the stages of an answer one after the other. deliver: takes each stage, in that thread. failed: takes
-    an exception of either.
+    an exception of either. pause: seconds for which a question waits, and may be replaced.
     """
 
     def __init__(
@@ -21,8 +21,9 @@ class Latest(Generic[T]):
         answer: Callable[[T], Iterator[Any]],
         deliver: Callable[[T, Any], None],
         failed: Callable[[T, Exception], None],
+        pause: float = 0.0,
     ):
-        self._answer, self._deliver, self._failed = answer, deliver, failed
+        self._answer, self._deliver, self._failed, self._pause = answer, deliver, failed, pause
         self._news = threading.Condition()
         self._next: list[T] = []
         self._open = True
@@ -56,6 +57,7 @@ class Latest(Generic[T]):
                 self._busy = False
                 self._news.notify_all()
                 self._news.wait_for(lambda: self._next or not self._open)
+                self._news.wait_for(lambda: not self._open, self._pause)
                 if not self._open:
                     return
                 question, self._next, self._busy = self._next.pop(), [], True

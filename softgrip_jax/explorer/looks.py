@@ -45,6 +45,9 @@ LINE_LOOKS = {"face": (BLUE, 1.2), "edge": ("#333333", 1.5), "contact": (VERMILI
 """Lines: colour and width."""
 HEAD, SHAFT = 0.35, 0.06
 """Of an arrow's length: its head, and half the width of its shaft."""
+ROOM, FULL = 0.12, 0.6
+"""The axes of a view are wider than what is first drawn by this part of it. They stay as they are while that fills more
+than this part of them: moving a slider does not move the axes, which cost more to draw than all the rest."""
 FINE = 60
 """An outline of more points is drawn by every second of them."""
 Columns = dict[str, Any]
@@ -112,13 +115,15 @@ class View:
     def __init__(self, section: Section, is_timed: bool):
         areas, lines, words = areas_and_lines(section)
         self.areas, self.lines, self.words = ColumnDataSource(areas), ColumnDataSource(lines), ColumnDataSource(words)
+        self.corners = ColumnDataSource({"x": [], "y": []})
+        self._frame(section)
         tools = [PanTool(), WheelZoomTool(), ResetTool(), SaveTool()]
         self.figure: Any = figure(
             tools=tools,
             active_scroll=None,
             match_aspect=True,
-            x_range=DataRange1d(range_padding=0.05),
-            y_range=DataRange1d(range_padding=0.08),
+            x_range=DataRange1d(range_padding=0.02),
+            y_range=DataRange1d(range_padding=0.02),
             x_axis_label=section.horizontal,
             y_axis_label=section.vertical,
             sizing_mode="stretch_width",
@@ -128,6 +133,8 @@ class View:
             output_backend="canvas",
         )
         _plain(self.figure)
+        frame = self.figure.scatter("x", "y", source=self.corners, alpha=0.0)
+        self.figure.x_range.renderers = self.figure.y_range.renderers = [frame]
         self.figure.patches(
             "xs",
             "ys",
@@ -153,7 +160,20 @@ class View:
 
     def show(self, section: Section) -> None:
         """Fill it again."""
-        self.lines.data, self.words.data, self.areas.data = (areas_and_lines(section)[k] for k in (1, 2, 0))
+        areas, self.lines.data, self.words.data = areas_and_lines(section)
+        self._frame(section)
+        self.areas.data = areas
+
+    def _frame(self, section: Section) -> None:
+        """Axes that hold all of it, with some room, where those of now do not or are much too wide."""
+        left, right, low, high = section.limits()
+        frame: Any = self.corners.data
+        x, y = frame["x"], frame["y"]
+        holds = bool(x) and x[0] <= left and right <= x[1] and y[0] <= low and high <= y[1]
+        if holds and max((right - left) / (x[1] - x[0]), (high - low) / (y[1] - y[0])) > FULL:
+            return
+        wide, tall = ROOM * (right - left), ROOM * (high - low)
+        self.corners.data = {"x": [left - wide, right + wide], "y": [low - tall, high + tall]}
 
 
 def _plain(one: Any) -> None:
@@ -242,7 +262,9 @@ class CurveView:
             columns["ys"].append((curve.value / DISPLAY[kind][1]).tolist())
             columns["colour"].append(PIN_COLOURS[k % len(PIN_COLOURS)])
             columns["name"].append(name)
-        self.pins.data = columns
+        shown: Any = self.pins.data
+        if columns["name"] or shown["name"]:
+            self.pins.data = columns
 
 
 class HelpView:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from html import escape
 from io import BytesIO, StringIO
@@ -25,6 +26,8 @@ from .session import PRESSURE, Question, Session, first_answer, further_answers
 
 TABS = "softgrip_jax.explorer_tabs"
 """The group of entry points of further tabs, named by their titles: functions from a `Page` to what Panel shows."""
+PAUSE = 0.06
+"""Seconds between a picture and all that follows it: the browser draws the picture first."""
 STEPS = 1000
 """Places of a slider."""
 CSS = """
@@ -171,6 +174,18 @@ class Control:
             self.wrong.visible = bool(sentence)
 
 
+@dataclasses.dataclass(frozen=True)
+class Words:
+    """What is said of a state beside its picture."""
+
+    state: State
+
+
+def _further(asked: tuple[Question, State]) -> Iterator[Any]:
+    yield Words(asked[1])
+    yield from further_answers(asked)
+
+
 class Page:
     """One browser's page around its own session."""
 
@@ -206,9 +221,10 @@ class Page:
         # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
         self.work: Latest[Question] = Latest(first_answer, self._deliver, self._failed)
         self.further: Latest[tuple[Question, State]] = Latest(
-            further_answers,
+            _further,
             lambda asked, stage: self._deliver(asked[0], stage),
             lambda asked, error: self._failed(asked[0], error),
+            PAUSE,
         )
         self.layout = self._layout()
         self.ask()
@@ -446,7 +462,8 @@ class Page:
         return thread
 
     def _deliver(self, question: Question, stage: Any) -> None:
-        self.session.take(stage)
+        if not isinstance(stage, Words):
+            self.session.take(stage)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State):
             self.further.ask((question, stage))
@@ -468,7 +485,9 @@ class Page:
             self._grey(True)
             self.say(stage, True)
         elif isinstance(stage, State):
-            self._show_state(stage, question, kind)
+            self._show_state(stage)
+        elif isinstance(stage, Words):
+            self._show_words(stage.state, question, kind)
         elif isinstance(stage, CurveData):
             self.curve.show(stage, kind)
             self.controls[PRESSURE].show(
@@ -486,7 +505,7 @@ class Page:
         if self.pictures.styles != styles:
             self.pictures.styles = styles
 
-    def _show_state(self, state: State, question: Question, kind: str) -> None:
+    def _show_state(self, state: State) -> None:
         self._grey(not state.ok)
         if not state.ok:
             self.say(state.message, True)
@@ -498,6 +517,12 @@ class Page:
         else:
             for view, section in zip(self.views, state.sections, strict=True):
                 view.show(section)
+        if self.picture_tabs.active == 1:
+            self._show_space()
+
+    def _show_words(self, state: State, question: Question, kind: str) -> None:
+        if not state.ok:
+            return
         rule = f"; nearest rule {state.margins[0][0]}: {state.margins[0][1] * 1e3:.4g} mm left" if state.margins else ""
         self.say(f"{state.pressure / kPa:.5g} kPa{rule}")
         self.rows.object = table_html(
@@ -513,8 +538,6 @@ class Page:
         if self.session.own_task:
             number = self.session.numbers[PRESSURE].holding(state.pressure)
             self.controls[PRESSURE].show(number, state.pressure)
-        if self.picture_tabs.active == 1:
-            self._show_space()
         if self.tabs.active == 0:
             self._show_pins()
 
