@@ -27,10 +27,10 @@ CELL = "within 5 % of finite elements of the same cells, 10 to 31 kPa, inside th
 
 def model_error(scene: Any, observable: str) -> str:
     """What is known of the error of an observable of a scene against finite elements; '' where nothing is."""
-    prepared = scene.prepared()
-    if isinstance(prepared, EnergyScene) or isinstance(scene, shell.Free | shell.FlatContact):
-        model = "energy" if isinstance(prepared, EnergyScene) else "arc"
-        touched = getattr(prepared, "body", None) is not None or isinstance(scene, shell.FlatContact)
+    by_energy = isinstance(scene, EnergyScene) or getattr(scene, "model", "arc") == "energy"
+    if by_energy or isinstance(scene, shell.Free | shell.FlatContact):
+        model = "energy" if by_energy else "arc"
+        touched = scene.body is not None if isinstance(scene, EnergyScene) else not isinstance(scene, shell.Free)
         if observable == "limit_pressure":
             return "" if touched else LIMIT[model]
         if observable == "inflation" and not touched:

@@ -43,6 +43,16 @@ def test_every_part_runs(tmp_path, part):
 
 
 @pytest.mark.slow
+def test_the_explorer_is_timed_in_a_browser(tmp_path):
+    pytest.importorskip("playwright")
+    if not (shutil.which("chromium") or shutil.which("chromium-browser")):
+        pytest.skip("there is no Chromium: apt-get install chromium")
+    [row] = quick(tmp_path, "explorer")["explorer"]
+    assert 0 < float(row["median_ms"]) <= float(row["slowest_ms"]) < 2000
+    assert row["last_drawn"] == "yes"
+
+
+@pytest.mark.slow
 def test_a_rod_at_rest_is_a_finger(tmp_path):
     pytest.importorskip("elastica")
     errors = [float(row["error"]) for row in quick(tmp_path, "elastica")["elastica"]]

@@ -1,5 +1,6 @@
 """The explorer without a browser: what moves, what is answered, what is told, and that nothing queues."""
 
+import dataclasses
 import threading
 import time
 
@@ -187,6 +188,70 @@ def test_only_the_newest_question_is_answered():
     assert begun == [0, 10]
     assert delivered == [(0, "picture"), (10, "picture"), (10, "curve")]
     assert (work.never_begun, work.given_up) == (9, 1)
+
+
+def test_the_slider_of_the_pressure_stays_while_it_fits(first):
+    """A little thicker: a little more pressure can be held, and the same range will do. Half as thick: it will not."""
+    session = Session(plane(), 15 * kPa)
+    session.take(first.curve)
+    before = session.numbers[PRESSURE]
+    assert before.high == pytest.approx(1.25 * first.curve.limit)
+    session.take(dataclasses.replace(first.curve, limit=1.1 * first.curve.limit))
+    assert session.numbers[PRESSURE] is before
+    session.take(dataclasses.replace(first.curve, limit=0.5 * first.curve.limit))
+    assert session.numbers[PRESSURE].high == pytest.approx(1.25 * 0.5 * first.curve.limit)
+
+
+class Document:
+    """As Bokeh's, whose next tick comes when it is told to."""
+
+    def __init__(self):
+        self.ticks = []
+
+    def add_next_tick_callback(self, act):
+        self.ticks.append(act)
+
+
+def test_nothing_changes_while_a_page_is_on_its_way():
+    """Until the browser has the page, what is to be shown waits; then it comes, in its order."""
+    pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
+    from softgrip_jax.explorer.page import Page
+
+    page, done = object.__new__(Page), []
+    page.document, page._lock, page._waiting = Document(), threading.Lock(), []
+    page.later(lambda: done.append("first"))
+    page.later(lambda: done.append("second"))
+    assert (done, page.document.ticks) == ([], [])
+    page._loaded()
+    assert done == ["first", "second"]
+    page.later(lambda: done.append("third"))
+    [tick] = page.document.ticks
+    assert len(done) == 2
+    tick()
+    assert done == ["first", "second", "third"]
+
+
+def test_what_follows_waits_for_a_quiet_moment_but_not_for_ever():
+    """Questions every 20 ms: the first answer comes after four pauses; after the last question, one pause is enough."""
+    begun = []
+
+    def answered(question):
+        begun.append((question, time.monotonic()))
+        yield question
+
+    work = Latest(answered, lambda question, stage: None, lambda *fault: None, 0.2)
+    began = time.monotonic()
+    while not begun and time.monotonic() < began + 10:
+        work.ask(len(begun))
+        time.sleep(0.02)
+    assert begun[0][1] - began >= 0.8
+    assert work.settle(5.0)
+    asked = time.monotonic()
+    work.ask("last")
+    assert work.settle(5.0)
+    work.close()
+    assert begun[-1][0] == "last"
+    assert 0.2 <= begun[-1][1] - asked < 0.8
 
 
 def test_a_fault_does_not_end_the_thread():

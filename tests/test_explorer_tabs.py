@@ -13,7 +13,7 @@ from softgrip_jax.units import kPa, mm
 
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
 from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
-from optim.tabs.search import MARGIN, SearchTab
+from optim.tabs.search import MARGIN, NOTHING, SearchTab
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.explorer.page import Page
 from softgrip_jax.explorer.study import StudyTab, binned_mean, open_study, studies_beneath
@@ -148,6 +148,33 @@ def test_a_search_of_nothing_is_told(page):
         assert tab.line.text == f"The target is {text!r}; it must be a finite number in N."
     assert tab.line.is_wrong
     assert not page.threads
+
+
+def test_a_search_keeps_another_observable_within_a_bound(page, monkeypatch):
+    """The largest force that has a contact no wider than 12 mm: the bound decides, and the best lies on it."""
+    monkeypatch.setattr("optim.tabs.search.STEPS", 60)
+    tab = search_tab(page)
+    row, other = tab.keeps
+    assert not row.bound.visible
+    row.observable.value = "contact_half_width"
+    assert row.bound.visible
+    assert row.bound.name == "value (mm)"
+    row.side.value = "most"
+    for text in ("", "wide"):
+        row.bound.value = text
+        tab.run()
+        assert tab.line.text == f"The bound of contact half width is {text!r}; it must be a finite number in mm."
+    row.bound.value = "6"
+    tab.run()
+    page.wait()
+    best = tab.found.best
+    assert best.feasible
+    tab.open_best()
+    found = sg.solve(page.session.current(), 15 * kPa)
+    assert float(found.contact_half_width) == pytest.approx(6 * mm, rel=1e-6)
+    # What another scene does not have is no longer asked for.
+    page.open_scene(sg.shell.Free(plane().shell))
+    assert row.observable.value == NOTHING == other.observable.value
 
 
 # --- calibration ------------------------------------------------------------------------------------------------------

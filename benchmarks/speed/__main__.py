@@ -17,9 +17,12 @@ from pathlib import Path
 from . import measure
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-PARTS = ("fingers", "fidelity", "peers", "scenes", "shells", "models", "energy", "hard", "start", "elastica")
+TOGETHER = ("fingers", "fidelity", "peers", "scenes", "shells", "models", "energy", "hard", "start", "elastica")
 """Longest first."""
-HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "hard")
+ALONE = ("explorer",)
+"""Parts with processes of their own, which nothing runs beside."""
+PARTS = (*TOGETHER, *ALONE)
+HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "hard", "explorer")
 """What says nothing about a GPU."""
 
 
@@ -42,7 +45,11 @@ def main() -> None:
         folder = asked.out / "gpu"
         os.environ["SOFTGRIP_BENCH_WALL"] = "1"
     parts = [part for part in PARTS if part in asked.only and not (on_gpu and part in HOST_ONLY)]
-    failed = run_all(parts, folder, asked.quick, on_gpu)
+    together = [part for part in parts if part not in ALONE]
+    failed = run_all(together, folder, asked.quick, on_gpu)
+    for part in ALONE:
+        if part in parts:
+            failed += run_all([part], folder, asked.quick, on_gpu)
     seconds = time.perf_counter() - began
     print(f"{seconds:.0f} s for {', '.join(parts)}", flush=True)
     if failed:

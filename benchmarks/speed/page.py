@@ -136,6 +136,7 @@ def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
         (("start",), add_start),
         (("fidelity",), add_fidelity),
         (("energy",), add_energy),
+        (("explorer",), add_explorer),
     ):
         if all(part in tables for part in needs):
             judge(add, tables)
@@ -207,6 +208,18 @@ def add_energy(add: Callable[..., None], tables: Tables) -> None:
                 speed = 1 / row[name]
                 add(f"energy membrane, 48 unknowns: solves per second, batch of {words}", "2,000", whole(speed),
                     speed >= 2000)  # fmt: skip
+
+
+def add_explorer(add: Callable[..., None], tables: Tables) -> None:
+    """From a key to the picture, and the first view."""
+    for row in tables["explorer"]:
+        most = (200, 200) if "energy" in row["scene"] else (60, 150)
+        names = (("in the median", "median_ms"), ("in 99 of 100", "of_100_99_ms"))
+        for (words, name), limit in zip(names, most, strict=True):
+            add(f"explorer, {row['scene']}: from a key to its picture, {words}", f"{limit} ms", f"{row[name]:.0f} ms",
+                row[name] <= limit)  # fmt: skip
+        took = row["first_view_s"]
+        add(f"explorer, {row['scene']}: first view, nothing kept", "8 s", f"{took:.1f} s", took <= 8)
 
 
 ENERGY_UNKNOWNS = 48
@@ -289,6 +302,18 @@ def _energy(tables: Tables, told: dict[str, Any]) -> list[str]:
     return grid([*head, *at], body)
 
 
+def _explorer(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = [
+        [row["scene"], f"{row['first_view_s']:.1f} s", f"{row['second_view_s']:.1f} s",
+         *(f"{row[name]:.0f} ms" for name in ("median_ms", "of_100_99_ms", "slowest_ms")),
+         f"{row['fast_drawn']:g} of {row['fast_keys']:g}", row["last_drawn"]]
+        for row in tables["explorer"]
+    ]  # fmt: skip
+    head = ["scene", "first view, nothing kept", "second", "key to picture, median", "99 of 100 within", "slowest",
+            "drawn of keys in a row", "the last one drawn"]  # fmt: skip
+    return grid(head, body)
+
+
 def _hard(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = [
         [row["case"], row["hard"], row["thesis_solver"], row["ours"], small(row["error"]), f"{row['iterations']:g}"]
@@ -310,6 +335,7 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "models": (_models, ("models",)),
     "hard": (_hard, ("hard",)),
     "energy": (_energy, ("energy",)),
+    "explorer": (_explorer, ("explorer",)),
     "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
     "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),
 }

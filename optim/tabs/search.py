@@ -38,6 +38,9 @@ from .numbers import SCENE, Ticks, typed, variables
 
 MARGIN = 1.2
 """Of the limit pressure over the pressure, where a margin is kept: the models' own errors are smaller."""
+NOTHING = "nothing else"
+KEEPS = 2
+"""Rows of what is to be kept."""
 STARTS, MOST_STARTS = 128, 4096
 STEPS = 100
 """As `softgrip design` does."""
@@ -72,13 +75,15 @@ class Asked:
     keeps_margin: bool
     starts: int
     variables: tuple[Any, ...]
+    kept: tuple[Limits, ...] = ()
+    """Bounds of other observables."""
 
     def problem(self) -> Problem:
         """What `optim.search` takes."""
         at = None if self.observable == LIMIT_PRESSURE else self.at
         goal = Goal(self.goal, Quantity(self.observable, at), target=self.target)
         limits = [Limits(Quantity(LIMIT_MARGIN, self.at), low=MARGIN)] if self.keeps_margin else []
-        found = Problem(Space({SCENE: self.scene}, self.variables), [goal], limits)
+        found = Problem(Space({SCENE: self.scene}, self.variables), [goal], [*limits, *self.kept])
         found.about = self.about()
         if found.about:
             found._programs = PROGRAMS.setdefault(found.about, {})
@@ -92,7 +97,7 @@ class Asked:
         space = Space({SCENE: self.scene}, self.variables)
         leaves, structure = jax.tree.flatten(space.scenes_at(jnp.zeros(space.size)))
         numbers = [np.asarray(leaf).tolist() for leaf in leaves]
-        words = repr((str(structure), numbers, self.variables, self.observable, self.at, self.keeps_margin))
+        words = repr((str(structure), numbers, self.variables, self.observable, self.at, self.keeps_margin, self.kept))
         return "" if " at 0x" in words else words
 
 
@@ -174,6 +179,39 @@ class WatchedEvaluator(Evaluator):
         return found
 
 
+class Keep:
+    """A row of boxes: another observable that is to be at least, or at most, a value."""
+
+    def __init__(self, tab: SearchTab):
+        self.tab = tab
+        self.observable = pn.widgets.Select(name="and keep", options=[NOTHING, *tab._observables()], width=180)
+        self.side = pn.widgets.Select(name="at", options=["least", "most"], width=90, visible=False)
+        self.bound = pn.widgets.TextInput(name="value", width=100, visible=False)
+        self.observable.param.watch(lambda event: self._set(), "value")
+
+    def _set(self) -> None:
+        self.side.visible = self.bound.visible = self.observable.value != NOTHING
+        if self.observable.value != NOTHING:
+            label = DISPLAY[self.tab._kind(self.observable.value)][0]
+            self.bound.name = f"value ({label})" if label else "value"
+
+    def refill(self) -> None:
+        """Another scene may have other observables."""
+        known = [NOTHING, *self.tab._observables()]
+        if known != list(self.observable.options):
+            kept = self.observable.value if self.observable.value in known else NOTHING
+            self.observable.param.update(options=known, value=kept)
+
+    def limits(self, at: Any) -> list[Limits]:
+        """What is to be kept: one limit, or none; InputError for a bound that is no number."""
+        name = self.observable.value
+        if name == NOTHING:
+            return []
+        bound = typed(self.bound.value, self.tab._kind(name), f"The bound of {name.replace('_', ' ')}")
+        quantity = Quantity(name, None if name == LIMIT_PRESSURE else at)
+        return [Limits(quantity, low=bound) if self.side.value == "least" else Limits(quantity, high=bound)]
+
+
 class SearchTab:
     """The tab: what is asked, the points, the best shape, what came out.
 
@@ -198,6 +236,7 @@ class SearchTab:
             self.observable.value = self.session.observable
         self.target = pn.widgets.TextInput(name="target", width=100, visible=False)
         self.margin = pn.widgets.Checkbox(name=f"keep a limit margin of {MARGIN:g}", value=True)
+        self.keeps = [Keep(self) for _ in range(KEEPS)]
         self.starts = pn.widgets.IntInput(name="starts", value=STARTS, start=1, end=MOST_STARTS, width=90)
         self.run_button = pn.widgets.Button(name="run", button_type="primary", width=80)
         self.stop_button = pn.widgets.Button(name="stop", disabled=True, width=80)
@@ -225,6 +264,7 @@ class SearchTab:
         self.panel = pn.Column(
             self.ticks.panel,
             wanted,
+            pn.FlexBox(*(box for row in self.keeps for box in (row.observable, row.side, row.bound))),
             self.margin,
             buttons,
             self.line.pane,
@@ -292,6 +332,7 @@ class SearchTab:
             self.margin.value,
             self.starts.value,
             tuple(variables(session, self.ticks.keys)),
+            tuple(limit for row in self.keeps for limit in row.limits(at)),
         )
 
     # --- the boxes ----------------------------------------------------------------------------------------------------
@@ -312,6 +353,8 @@ class SearchTab:
         if known != list(self.observable.options):
             kept = self.observable.value if self.observable.value in known else known[0]
             self.observable.param.update(options=known, value=kept)
+        for row in self.keeps:
+            row.refill()
 
     # --- in the thread of the search ----------------------------------------------------------------------------------
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
+PATIENCE = 4
+"""Pauses that a stream of questions may hold up an answer."""
 
 
 class Latest(Generic[T]):
     """A thread that answers the newest of many questions in stages, and gives an answer up when a newer one is there.
 
     answer: gives the stages of an answer one after the other. deliver: takes each stage, in that thread. failed: takes
-    an exception of either. pause: seconds for which a question waits, and may be replaced.
+    an exception of either. pause: seconds that have to pass without a newer question; PATIENCE times that is enough.
     """
 
     def __init__(
@@ -26,6 +29,7 @@ class Latest(Generic[T]):
         self._answer, self._deliver, self._failed, self._pause = answer, deliver, failed, pause
         self._news = threading.Condition()
         self._next: list[T] = []
+        self._asked = 0
         self._open = True
         self._busy = False
         self.begun = self.given_up = self.never_begun = 0
@@ -38,6 +42,7 @@ class Latest(Generic[T]):
         with self._news:
             self.never_begun += len(self._next)
             self._next = [question]
+            self._asked += 1
             self._news.notify_all()
 
     def close(self) -> None:
@@ -51,13 +56,20 @@ class Latest(Generic[T]):
         with self._news:
             return self._news.wait_for(lambda: not (self._next or self._busy), seconds)
 
+    def _wait_for_quiet(self) -> None:
+        latest = time.monotonic() + PATIENCE * self._pause
+        quiet = False
+        while self._open and not quiet and time.monotonic() < latest:
+            asked = self._asked
+            quiet = not self._news.wait_for(lambda n=asked: not self._open or self._asked > n, self._pause)
+
     def _run(self) -> None:
         while True:
             with self._news:
                 self._busy = False
                 self._news.notify_all()
                 self._news.wait_for(lambda: self._next or not self._open)
-                self._news.wait_for(lambda: not self._open, self._pause)
+                self._wait_for_quiet()
                 if not self._open:
                     return
                 question, self._next, self._busy = self._next.pop(), [], True

@@ -26,8 +26,9 @@ from .session import PRESSURE, Question, Session, first_answer, further_answers
 
 TABS = "softgrip_jax.explorer_tabs"
 """The group of entry points of further tabs, named by their titles: functions from a `Page` to what Panel shows."""
-PAUSE = 0.06
-"""Seconds between a picture and all that follows it: the browser draws the picture first."""
+PAUSE = 0.15
+"""Seconds after the last picture, while a hand is on a slider, until all that follows it: the browser draws pictures
+first."""
 STEPS = 1000
 """Places of a slider."""
 CSS = """
@@ -118,13 +119,11 @@ class Control:
             sizing_mode="stretch_width",
             margin=(2, 12, 0, 10),
         )
-        doc = f"{number.doc}; " if number.doc else ""
-        ends = f"{number.shown(number.low)} to {number.shown(number.high)} {number.label}"
         self.box = pn.widgets.TextInput(
             value=number.shown(value), width=86, margin=(2, 4), placeholder=number.label, name=number.label or "value"
         )
         self.words = pn.pane.HTML(
-            f'<span class="sg-doc">{escape(doc + ends)}</span>',
+            self._meaning(number),
             stylesheets=[CSS],
             margin=(0, 10),
             sizing_mode="stretch_width",
@@ -150,6 +149,12 @@ class Control:
         )
 
     @staticmethod
+    def _meaning(number: Number) -> str:
+        doc = f"{number.doc}; " if number.doc else ""
+        ends = f"{number.shown(number.low)} to {number.shown(number.high)} {number.label}"
+        return f'<span class="sg-doc">{escape(doc + ends)}</span>'
+
+    @staticmethod
     def _place(number: Number, value: float) -> float:
         return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
 
@@ -161,6 +166,7 @@ class Control:
                 self.slider.value = self._place(number, value)
             if with_box:
                 self.box.value = number.shown(value)
+            self.words.object = self._meaning(number)
         finally:
             self._own = False
         self.say("")
@@ -192,6 +198,10 @@ class Page:
     def __init__(self, session: Session):
         self.session = session
         self.document = pn.state.curdoc
+        self._lock = threading.Lock()
+        self._waiting: list[Callable[[], None]] | None = []
+        if self.document is not None:
+            pn.state.onload(self._loaded)
         self.controls: dict[str, Control] = {}
         self.views: list[View] = []
         self.told = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
@@ -439,9 +449,23 @@ class Page:
     # --- from other threads -------------------------------------------------------------------------------------------
 
     def later(self, act: Callable[[], None]) -> None:
-        """Do something with the page, from any thread."""
-        if self.document is not None:
-            self.document.add_next_tick_callback(act)
+        """Do something with the page, from any thread.
+
+        Until the browser has the whole page this waits: what changes while a page is on its way may be lost.
+        """
+        if self.document is None:
+            return
+        with self._lock:
+            if self._waiting is not None:
+                self._waiting.append(act)
+                return
+        self.document.add_next_tick_callback(partial(_at_once, act))
+
+    def _loaded(self) -> None:
+        with self._lock:
+            waiting, self._waiting = self._waiting or [], None
+        for act in waiting:
+            _at_once(act)
 
     def in_background(self, work: Callable[[Tell], None]) -> threading.Thread:
         """Run work(tell) in a thread of its own; what goes wrong is told."""
@@ -466,7 +490,7 @@ class Page:
             self.session.take(stage)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State):
-            self.further.ask((question, stage))
+            self.later(partial(self.further.ask, (question, stage)))
 
     def _failed(self, question: Question, error: Exception) -> None:
         sentence = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
@@ -569,6 +593,12 @@ class Page:
             )
         except InputError as error:
             self.code.object = f'<div class="sg-told sg-wrong">{escape(str(error))}</div>'
+
+
+def _at_once(act: Callable[[], None]) -> None:
+    """Do something with a page, and tell its browser in one message: it then draws once."""
+    with pn.io.hold():
+        act()
 
 
 def _labels(state: State) -> list[str]:

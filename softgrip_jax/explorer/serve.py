@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 import secrets
 import socket
+import sys
 import threading
 import webbrowser
 from collections.abc import Callable
@@ -17,12 +18,14 @@ from tornado.web import HTTPError
 
 from ..errors import InputError
 from .page import page_of
-from .session import Session, answer
+from .session import Session, first_answer
 
 LOCAL = ("localhost", "127.0.0.1")
 LARGEST_MESSAGE = 4 * 1024 * 1024
 """Bytes that a browser may send at once: uploads are no larger."""
 COOKIE = "softgrip_token"
+SWITCH = 1e-3
+"""Seconds after which a thread lets others in, 5 ms by default: what follows a picture must not delay the next one."""
 
 
 class Token(AuthProvider):
@@ -68,10 +71,10 @@ def free_port(host: str, port: int) -> int:
 
 
 def warm(make: Callable[[], Session]) -> threading.Thread:
-    """Compile what the first picture needs while the browser is on its way."""
+    """Compile what the first picture needs, and nothing else, while the browser is on its way."""
 
     def run() -> None:
-        for _ in answer(make().question()):
+        for _ in first_answer(make().question()):
             pass
 
     thread = threading.Thread(target=run, name="softgrip explorer warm", daemon=True)
@@ -112,6 +115,7 @@ def server_of(make: Callable[[], Session], host: str, port: int) -> tuple[Any, s
 
 def serve(make: Callable[[], Session], host: str, port: int, opens: bool, tell: Callable[[str], None]) -> None:
     """Serve until Ctrl-C."""
+    sys.setswitchinterval(SWITCH)
     warm(make)
     server, address = server_of(make, host, port)
     server.start()

@@ -33,6 +33,8 @@ STEP = 1.05
 """A click on an elasticity changes a number by this factor."""
 ABOVE_LIMIT = 1.25
 """The slider of the pressure goes to so many times the limit pressure."""
+ROUND_LIMIT = (1.05, 2.0)
+"""While it ends between so many times the limit it stays as it is: a handle that moves by itself slips away."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,8 +211,10 @@ class Session:
             self.curve = stage
             if np.isfinite(stage.limit) and stage.limit > 0:
                 number = self.numbers[PRESSURE]
-                wider = dataclasses.replace(number, low=0.0, high=ABOVE_LIMIT * stage.limit)
-                self.numbers[PRESSURE] = wider.holding(self.values[PRESSURE])
+                least, most = ROUND_LIMIT
+                if not least * stage.limit <= number.high <= most * stage.limit:
+                    other = dataclasses.replace(number, low=0.0, high=ABOVE_LIMIT * stage.limit)
+                    self.numbers[PRESSURE] = other.holding(self.values[PRESSURE])
         else:
             self.helps = stage
 

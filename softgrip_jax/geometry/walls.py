@@ -25,7 +25,7 @@ ARC_POINTS = 60
 """Points on each arc of a wall."""
 GRID = 1024
 """Angles among which the one of a pressure is interpolated: right to a few hundred-thousandths."""
-INNER_POINTS = 81
+INNER_POINTS = 41
 """Points on the inner face of a wall."""
 FLAT = 1e-12
 """m: a wall that is so near to its plane from edge to edge cannot bulge."""

@@ -112,7 +112,10 @@ class ShellScene(CurveEquations, Scene):
     def prepared(self):
         if self.model == "arc":
             return self
-        return dataclasses.replace(self.energy_scene(), ignored_rules=self.ignored_rules)
+        made = self.energy_scene()
+        if made.ignored_rules == self.ignored_rules:
+            return made
+        return dataclasses.replace(made, ignored_rules=self.ignored_rules)
 
     def arcs(self) -> Arcs:
         """The geometry of the membrane."""

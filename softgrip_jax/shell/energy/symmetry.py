@@ -26,14 +26,10 @@ def broken_symmetry(scene: Any, symmetry: str) -> Float[Array, ""]:
     shell, side = scene.shell, scene.functional.touching.points
     flat = np.concatenate([side, np.ones_like(side[:, :1])], axis=1)
     sizes = jnp.stack([shell.a, shell.b, shell.a])[None]
-    change = jnp.zeros_like(shell.a)
-    for mirror in MIRRORS[symmetry]:
-        for height in HEIGHTS:
-            places = flat * np.array([[1, 1, height]]) * sizes
-            distance = jax.vmap(scene.obstacle.distance)
-            apart = distance(places * mirror[None]) - distance(places)
-            change = jnp.maximum(change, jnp.max(jnp.abs(apart)) / shell.a)
-    return change
+    places = jnp.concatenate([flat * np.array([[1, 1, height]]) * sizes for height in HEIGHTS])
+    every = [places, *(places * mirror[None] for mirror in MIRRORS[symmetry])]
+    distance, *mirrored = jnp.split(jax.vmap(scene.obstacle.distance)(jnp.concatenate(every)), len(every))
+    return jnp.max(jnp.stack([jnp.max(jnp.abs(other - distance)) for other in mirrored])) / shell.a
 
 
 def is_known(scene: Any) -> bool:
