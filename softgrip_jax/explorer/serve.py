@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import hmac
 import secrets
 import socket
@@ -26,6 +27,10 @@ LARGEST_MESSAGE = 4 * 1024 * 1024
 COOKIE = "softgrip_token"
 SWITCH = 1e-3
 """Seconds after which a thread lets others in, 5 ms by default: what follows a picture must not delay the next one."""
+
+COLLECTED = (50_000, 20, 100)
+"""New objects between two looks for what nobody holds any more, and looks between two wider ones: with a million, as
+for commands, a picture waits for a tenth of a second now and then."""
 
 
 class Token(AuthProvider):
@@ -116,6 +121,7 @@ def server_of(make: Callable[[], Session], host: str, port: int) -> tuple[Any, s
 def serve(make: Callable[[], Session], host: str, port: int, opens: bool, tell: Callable[[str], None]) -> None:
     """Serve until Ctrl-C."""
     sys.setswitchinterval(SWITCH)
+    gc.set_threshold(*COLLECTED)
     warm(make)
     server, address = server_of(make, host, port)
     server.start()
