@@ -83,6 +83,24 @@ def test_nonsense_is_told_and_the_picture_stays(page):
     assert page.locator(".bk-Figure canvas").count() > 0
 
 
+def test_a_page_that_is_loaded_again_has_its_picture(page):
+    """What changes while a page is on its way to the browser is not lost: one in forty stayed empty."""
+    for _ in range(12):
+        page.reload()
+        page.locator(".sg-told", has_text="kPa").first.wait_for(timeout=20_000)
+        page.locator(".bk-Figure").nth(3).wait_for(timeout=10_000)  # two views, the curve and the bars
+
+
+def test_a_state_that_is_none_leaves_picture_and_numbers_of_the_last_one(page):
+    before = page.locator("table.sg").first.inner_text()
+    box(page, 5).fill("90")
+    box(page, 5).press("Enter")
+    page.locator(".sg-wrong").first.wait_for(timeout=20_000)
+    page.wait_for_timeout(1000)
+    assert page.locator("table.sg").first.inner_text() == before
+    assert page.locator(".bk-Figure canvas").count() > 0
+
+
 def test_two_browsers_have_sliders_of_their_own(page, browser, address):
     other = browser.new_page()
     other.goto(address)

@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..progress import Tell
 from ..scene import Scene
 from ..units import kPa
-from .answers import CurveData, Helps, State
+from .answers import CurveData, Helps, State, part_of
 from .controls import Choice, Number
 from .latest import Latest
 from .looks import CurveView, HelpView, View, space_figure
@@ -545,21 +545,22 @@ class Page:
             self._show_space()
 
     def _show_words(self, state: State, question: Question, kind: str) -> None:
-        if not state.ok:
+        """The numbers of the picture that is shown: of the last good one where this state is none."""
+        if state.ok:
+            near = [f"; nearest rule {name}: {margin * 1e3:.4g} mm left" for name, margin in state.margins[:1]]
+            self.say(f"{state.pressure / kPa:.5g} kPa{''.join(near)}")
+        shown = state if state.ok else self.session.good
+        name, component, _ = self.session.observables[question.observable]
+        if shown is None or name not in shown.solution.observables:  # of another scene
             return
-        rule = f"; nearest rule {state.margins[0][0]}: {state.margins[0][1] * 1e3:.4g} mm left" if state.margins else ""
-        self.say(f"{state.pressure / kPa:.5g} kPa{rule}")
         self.rows.object = table_html(
             ["", "value", "model error"],
-            [[r.name.replace("_", " "), r.text, r.error] for r in state.rows],
+            [[r.name.replace("_", " "), r.text, r.error] for r in shown.rows],
             ("n", "", "e"),
         )
-        name, component, _ = self.session.observables[question.observable]
-        from .answers import part_of
-
-        value = float(part_of(state.solution.observables, name, component))
-        self.curve.show_state(state.pressure, value, kind)
-        if self.session.own_task:
+        value = float(part_of(shown.solution.observables, name, component))
+        self.curve.show_state(shown.pressure, value, kind)
+        if self.session.own_task and state.ok:
             number = self.session.numbers[PRESSURE].holding(state.pressure)
             self.controls[PRESSURE].show(number, state.pressure)
         if self.tabs.active == 0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import hmac
+import logging
 import secrets
 import socket
 import sys
@@ -122,6 +123,7 @@ def serve(make: Callable[[], Session], host: str, port: int, opens: bool, tell: 
     """Serve until Ctrl-C."""
     sys.setswitchinterval(SWITCH)
     gc.set_threshold(*COLLECTED)
+    logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)  # a page that was closed is no news
     warm(make)
     server, address = server_of(make, host, port)
     server.start()

@@ -213,7 +213,7 @@ class Session:
                 number = self.numbers[PRESSURE]
                 least, most = ROUND_LIMIT
                 if not least * stage.limit <= number.high <= most * stage.limit:
-                    other = dataclasses.replace(number, low=0.0, high=ABOVE_LIMIT * stage.limit)
+                    other = dataclasses.replace(number, low=0.0, high=float(f"{ABOVE_LIMIT * stage.limit:.3g}"))
                     self.numbers[PRESSURE] = other.holding(self.values[PRESSURE])
         else:
             self.helps = stage
