@@ -20,9 +20,7 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # not changed is taken from here.
 gc.set_threshold(1_000_000)
 if jaxlib_version < (0, 11):
-    # Each worker has a core: code is written in one piece, not in pieces side by side.
-    flags = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flags}"
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
 # LLVM's optimisation is much of that time, and saves a program that runs a few times nothing; the commands do without
 # it, too. `make test-all` and `make check` go through the optimised programs.
 unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
