@@ -144,8 +144,8 @@ def test_forces_on_a_ball_point_to_its_middle():
 def test_what_a_membrane_does_to_a_plane_is_the_slope_of_its_energy():
     def energy(height):
         solution = sg.solve(small(Plane(height)), pressure)
-        scene = solution.scene
-        stored = scene.functional.value(scene.split(solution.unknowns)[0], scene, pressure / scene.unit())
+        work, scene, load = solution.scene.functional, solution.scene, pressure / solution.scene.unit()
+        stored = work.value(solution.unknowns, scene, load) + work.layer(solution.unknowns, scene, load).value
         return stored * scene.unit() * scene.shell.a**3, solution.force
 
     pressure, h, step = jnp.asarray(12 * kPa), 5 * mm, 0.05 * mm
@@ -154,21 +154,46 @@ def test_what_a_membrane_does_to_a_plane_is_the_slope_of_its_energy():
     assert abs(float(low - high) / (2 * step) / float(force) - 1) < 1e-4
 
 
-def test_contact_does_not_depend_on_the_penalty(monkeypatch):
-    """rho decides how the contact is found, not what is found."""
+def test_contact_hardly_depends_on_the_layer(monkeypatch):
+    """It gives way by some thousandths of a; with twice the stiffness forces change by less than half a percent."""
     scene, pressure = small(Plane(5 * mm), symmetry="both"), jnp.asarray(15 * kPa)
     usual = sg.solve(scene, pressure)
-    monkeypatch.setattr(energy, "RHO", 10 * energy.RHO)
+    assert float(jnp.min(scene.functional.gaps(usual.unknowns, scene))) > -5 / energy.RHO
+    monkeypatch.setattr(energy, "RHO", 2 * energy.RHO)
     other = jax.jit(lambda scene: scene._solution(scene.solver().find(scene, pressure, None)))(scene)
-    for solution in (usual, other):
-        y, pressed = scene.split(solution.unknowns)
-        gaps = scene.functional.gaps(y, scene)
-        # Met to the last bits: nothing is entered, nothing is pressed from afar.
-        assert float(jnp.min(gaps)) > -1e-12
-        assert float(jnp.max(jnp.abs(gaps * pressed))) < 1e-12
-        assert float(jnp.min(pressed)) >= 0
-    assert int(usual.iterations) != int(other.iterations)
-    np.testing.assert_allclose(other.force, usual.force, rtol=1e-10)
+    assert other.force != usual.force
+    np.testing.assert_allclose(other.force, usual.force, rtol=5e-3)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "pressure", "limit", "within"),
+    [
+        (Plane(5 * mm), 10, 11.45, 0.01),
+        (Cylinder(radius=15 * mm, gap=4 * mm), 15, 9.61, 0.03),
+        (Sphere(radius=20 * mm, gap=5 * mm), 20, 14.80, 0.01),
+    ],
+)
+def test_forces_by_the_usual_polynomials_and_by_more(obstacle, pressure, limit, within):
+    """`limit` is that of 8 x 12 polynomials, which `docs/theory/energy.md` has; more of them come nearer."""
+    for across, along, share in ((4, 6, within), (6, 9, 0.015)):
+        scene = sg.shell.ObstacleContact(shell(), obstacle, symmetry="both", across=across, lengthwise=along)
+        solution = sg.solve(scene, pressure * kPa)
+        assert int(solution.status) == Status.OK
+        assert float(solution.force) == pytest.approx(limit, rel=share)
+
+
+def test_a_plane_is_pressed_evenly():
+    """Where a membrane lies flat the contact presses as the air does; over all of it, by the force."""
+    scene = sg.shell.ObstacleContact(shell(), Plane(5 * mm), symmetry="both")
+    solution = sg.solve(scene, 11.9 * kPa)
+    maps = {name: np.asarray(value) for name, value in scene.surface(solution.unknowns, solution.pressure, 81).items()}
+    pressed = maps["contact_pressure"] / (11.9 * kPa)
+    assert np.all(abs(pressed[32:49, 20:61] - 1) < 0.06)
+    assert np.all(pressed[:8] == 0)
+    stretched = maps["larger_stretch"] * maps["smaller_stretch"]
+    assert np.sum(maps["contact_pressure"] * stretched) * (32 * mm / 80) * (86 * mm / 80) == pytest.approx(
+        float(solution.force), rel=0.01
+    )
 
 
 def test_symmetry_is_found_checked_and_given_up():

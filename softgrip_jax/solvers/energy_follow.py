@@ -2,7 +2,7 @@
 
 The members of a batch are solved one after the other, each from a guess that those before it give. On a CPU one member
 alone makes better use of matrix products than many side by side, and does not wait for others. The guess is a linear
-fit, by least squares, of coefficients and contact pressures over the numbers in which members differ. It decides what a
+fit, by least squares, of the coefficients over the numbers in which members differ. It decides what a
 member costs and not what is found: where the minimum is not close to the guess (BESIDE), the member is followed from
 the flat membrane as if it were alone.
 """
@@ -49,7 +49,7 @@ def follow(
 # does not wait for others.
 @sequential_vmap
 def _follow(scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar) -> Minimum:
-    return minimise(scene.expansions(), scene.split(start), start_load, scene.split(guess), load, largest)
+    return minimise(scene.expansion, start, start_load, guess, load, largest)
 
 
 def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
@@ -79,7 +79,7 @@ class _Known(NamedTuple):
     products: Float[Array, "m m"]
     """Of the numbers of each member with each other, plus PRIOR."""
     found: Float[Array, "m k"]
-    """Products of numbers and unknowns."""
+    """Products of numbers and coefficients."""
     numbers: Numbers
     """Of the last member that was met,"""
     last: Minimum
@@ -123,14 +123,13 @@ def _in_turn(
             return find(scene, load)
 
         def tried():
-            guess = _guess(known, here, load, scene)
+            guess = _guess(known, here, load)
             met = follow(scene, guess, load, guess, load, largest)
-            beside = met.reached & (jnp.max(jnp.abs(met.y - scene.split(guess)[0])) < BESIDE)
+            beside = met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE)
             return lax.cond(beside, lambda: met, begin)
 
         met = lax.cond(known.last.reached, tried, begin)
-        unknowns = jnp.concatenate([met.y, met.multipliers])
-        sums = known.products + jnp.outer(here, here), known.found + jnp.outer(here, unknowns)
+        sums = known.products + jnp.outer(here, here), known.found + jnp.outer(here, met.y)
         more = _Known(*sums, here, met)
         return select(met.reached, more, known), met
 
@@ -138,17 +137,12 @@ def _in_turn(
     shapes = jax.eval_shape(find, *first)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     count = numbers.shape[1]
-    unknowns = nothing.y.size + nothing.multipliers.size
-    begun = _Known(PRIOR * jnp.eye(count), jnp.zeros((count, unknowns)), jnp.zeros(count), nothing)
+    begun = _Known(PRIOR * jnp.eye(count), jnp.zeros((count, nothing.y.size)), jnp.zeros(count), nothing)
     return lax.scan(next_member, begun, (numbers, members))[1]
 
 
-def _guess(known: _Known, here: Numbers, load: Scalar, scene: Any) -> Float[Array, " k"]:
+def _guess(known: _Known, here: Numbers, load: Scalar) -> Vector:
     """By the fit; from the last member where that is close, along its tangent with the load."""
-    last = jnp.concatenate([known.last.y, known.last.multipliers])
-    tangent = last + (load - known.last.load) * jnp.concatenate(known.last.slope)
+    tangent = known.last.y + (load - known.last.load) * known.last.slope
     close = jnp.max(jnp.abs(here - known.numbers)) < CLOSE
-    fitted = jnp.linalg.solve(known.products, here) @ known.found
-    guess = jnp.where(close, tangent, fitted)
-    y, multipliers = scene.split(guess)
-    return jnp.concatenate([y, jnp.maximum(multipliers, 0.0)])
+    return jnp.where(close, tangent, jnp.linalg.solve(known.products, here) @ known.found)

@@ -49,7 +49,7 @@ def _limit(scene: Any, largest: Scalar) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
     climb = follow(scene, scene.unloaded_state(), zero, scene.first_guess(far), far, largest)
-    kept, scaled = jnp.concatenate([climb.y, climb.multipliers]), climb.load**3
+    kept, scaled = climb.y, climb.load**3
     # Next to the limit this is the direction in which stiffness is lost.
     _, jacobian, by_load = _linear(scene)(kept, scaled)
     yielding = jnp.linalg.solve(jacobian, -by_load)
@@ -87,7 +87,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     zero = jnp.zeros_like(limit.pressure)
     low = zero + FIRST_LOAD
     begun = follow(fixed, fixed.unloaded_state(), zero, fixed.first_guess(low), low, method.largest_step)
-    first = jnp.concatenate([begun.y, begun.multipliers])
+    first = begun.y
     reach = jnp.where(limit.end == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
     length = (reach - jnp.linalg.norm(first)) / (n - 1)
 
@@ -108,7 +108,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     def report(unknowns, load, alive):
         status = jnp.where(alive, Status.OK, Status.NOT_CONVERGED)
         if fixed.body is not None:
-            touched = jnp.any(fixed.split(unknowns)[1] > 0)
+            touched = jnp.any(fixed.contact_pressures(unknowns, load * fixed.unit()) > 0)
             status = jnp.where(alive & ~touched, Status.NO_CONTACT, status)
         found = fixed.verified(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
         return fixed._report(unknowns, load * fixed.unit(), found)

@@ -42,7 +42,7 @@ class EnergyFlat(EnergyScene):
 
     def observe(self, unknowns, pressure):
         observed = super().observe(unknowns, pressure)
-        width, length = self._half_axes(*self.split(unknowns), pressure)
+        width, length = self._half_axes(unknowns, self.contact_pressures(unknowns, pressure), pressure)
         return {
             name: (observed | {"contact_half_width": width, "contact_half_length": length})[name]
             for name in self.OBSERVABLES

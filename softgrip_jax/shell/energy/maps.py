@@ -9,13 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .basis import Grid, Vector, at_points, contact_axes
-from .sheet import local
+from .basis import CONTACT_POINTS, Grid, Vector, at_points, contact_axes
+from .sheet import local, tension_field
 
 TINY = 1e-30
 """It keeps a square root away from zero whose derivative nobody asks for."""
 MEAN_OVER = 0.6
-"""Width of the weights, in mean distances between contact points: differences between neighbours fall to a sixth."""
+"""Width of the weights, in half sides per polynomial of w: what polynomials cannot follow is left out."""
+PRESSED = 0.05
+"""A map shows contact where its mean presses at least so much of what the air does."""
 
 
 def _larger(trace: Array, determinant: Array) -> Array:
@@ -48,14 +50,14 @@ def shape_observables(scene: Any, y: Vector) -> dict[str, Array]:
 
 
 def contact_average(grid: Grid, points: Any) -> Float[np.ndarray, "p k"]:
-    """Weights of the contact pressures at any points (xi, eta): their mean over about the distance between them.
+    """Weights of the contact pressures at any points (xi, eta): their mean over about half a wave of the polynomials.
 
-    Single contact points take turns in pressing; their neighbourhood presses evenly. The weights are Gaussian along
-    each axis; an even pressure stays what it is.
+    The polynomials of w touch in waves; over one of them they press evenly. The weights are Gaussian along each axis;
+    an even pressure stays what it is.
     """
     sides = []
     for axis, (nodes, weights) in enumerate(contact_axes(grid)):
-        at, width = np.asarray(points, dtype=float)[:, axis, None], MEAN_OVER / len(nodes)
+        at, width = np.asarray(points, dtype=float)[:, axis, None], MEAN_OVER * CONTACT_POINTS / len(nodes)
         right, left = (weights * np.exp(-(((at - side * nodes) / width) ** 2) / 2) for side in (1, -1))
         even = grid.symmetry in ("both", ("across", "along")[axis])
         found = right + left if even else np.concatenate([left[:, ::-1], right], axis=1)
@@ -73,13 +75,13 @@ def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     """x, z across the width at the middle, y, z_length along the length, m: the middle surface. With `_face` the outer
     face, which touches, seen from where it is at rest, as objects are placed: half the thickness above the middle."""
     line, zero = np.linspace(-1, 1, n), np.zeros(n)
-    y, shell = scene.split(unknowns)[0], scene.shell
+    shell = scene.shell
     found = {}
     for axis, names, points in (
         (0, ("x", "z"), np.stack([line, zero], axis=1)),
         (1, ("y", "z_length"), np.stack([zero, line], axis=1)),
     ):
-        e = scene.functional.deformed(y, at_points(scene.grid, points))
+        e = scene.functional.deformed(unknowns, at_points(scene.grid, points))
         at = _strains(scene, e, points)[0]
         faces = jax.vmap(lambda at: at.face(shell.t_m / shell.a))(at)
         for name, component in zip(names, (axis, 2), strict=True):
@@ -88,13 +90,13 @@ def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     return found
 
 
-def surface(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
+def surface(scene: Any, unknowns: Vector, pressure: Array, n: int) -> dict[str, Array]:
     """Maps on n x n points of the membrane, m and Pa: X, Y of the flat membrane, place, principal stretches, and the
     pressure of the contact per deformed area."""
     line = np.linspace(-1, 1, n)
     points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
-    shell, (y, contact_pressures) = scene.shell, scene.split(unknowns)
-    e = scene.functional.deformed(y, at_points(scene.grid, points))
+    shell = scene.shell
+    e = scene.functional.deformed(unknowns, at_points(scene.grid, points, second=True))
     at, trace, determinant = _strains(scene, e, points)
     larger = _larger(trace, determinant)
     maps = {
@@ -104,7 +106,40 @@ def surface(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
         "smaller_stretch": jnp.sqrt(determinant) / larger,
     }
     if scene.body is not None:
-        true = contact_average(scene.grid, points) @ contact_pressures / jnp.sqrt(determinant)
-        maps["contact_pressure"] = scene.unit() * true
+        load, layer = pressure / scene.unit(), scene.contact_pressures(unknowns, pressure)
+        near = contact_average(scene.grid, points) @ layer > PRESSED * load
+        borne = jax.vmap(_borne, in_axes=(0, None))(e, scene)
+        pressed = jnp.where(near, jnp.maximum(0.0, load - borne), 0.0)
+        areas = jnp.sqrt(determinant) * np.outer(*2 * [np.r_[1, np.full(n - 2, 2), 1] / (n - 1)]).ravel()
+        areas = areas * (shell.b / shell.a)
+        whole = jnp.dot(layer, scene.functional.contact_weights(scene))
+        maps["contact_pressure"] = scene.unit() * _trimmed(pressed, areas, whole)
     maps = {name: jnp.reshape(value, (n, n)) for name, value in maps.items()}
     return maps | {"place": jnp.reshape(shell.a * at.place, (n, n, 3))}
+
+
+def _trimmed(pressed: Vector, areas: Vector, whole: Array) -> Vector:
+    """Pressures without their least ones: what polynomials smear over the contact's edge. What is left sums to the
+    force `whole`."""
+    order = jnp.argsort(-pressed)
+    before = jnp.cumsum((pressed * areas)[order]) - (pressed * areas)[order]
+    return jnp.where(before < whole, pressed[order], 0.0)[jnp.argsort(order)]
+
+
+def _borne(e: Float[Array, "3 6"], scene: Any) -> Array:
+    """What the membrane's tension bears by its curvature, per deformed area, in mu t_m / a: -n . Div P / sqrt(det C).
+
+    What the air presses more, the contact bears. The pressures of the layer's points, whose sums are right, rise and
+    fall with the waves in which polynomials touch; a tension hardly does. What bending bears is left out.
+    """
+    shell, aspect = scene.shell, scene.shell.a / scene.shell.b
+
+    def energy(f):
+        found = tension_field(jnp.sum(f * f), jnp.sum(jnp.cross(f[0], f[1]) ** 2))
+        return shell.material.sheet_energy(*found) / shell.material.shear_modulus()
+
+    at = local(e, jnp.zeros(2), aspect)
+    tangents = jnp.stack([at.along_x, at.along_y])
+    changes = jnp.stack([e[:, 3], aspect * e[:, 4]]), jnp.stack([aspect * e[:, 4], aspect**2 * e[:, 5]])
+    divergence = sum(jax.jvp(jax.grad(energy), (tangents,), (change,))[1][k] for k, change in enumerate(changes))
+    return -(at.normal @ divergence) / at.determinant

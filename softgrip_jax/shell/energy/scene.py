@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -25,7 +24,7 @@ from ..flat_shell import FlatShell, Scalar
 from ..obstacles import Obstacle
 from . import maps
 from .basis import Grid, Vector
-from .functional import Functional, functional, rho
+from .functional import Functional, functional
 from .symmetry import MIRRORS, SYMMETRIC, broken_symmetry, known_break, symmetry_of
 
 FACE = 17
@@ -36,8 +35,8 @@ comes nearest at an edge or a corner, as tilted planes and rods do, is met exact
 class EnergyScene(Scene):
     """A state of the energy membrane. `body` is what it touches (None in free space).
 
-    The unknowns are the coefficients of the displacement, then the contact pressures in mu t_m / a. Loads are cube
-    roots of p a / (mu t_m), in proportion to which the membrane rises.
+    The unknowns are the coefficients of the displacement. Loads are cube roots of p a / (mu t_m), in proportion to
+    which the membrane rises.
     """
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("MinimumEnergy",)
@@ -88,14 +87,13 @@ class EnergyScene(Scene):
         """mu t_m / a, Pa: the unit of pressure."""
         return self.shell.pressure_scale()
 
-    def split(self, unknowns: Vector) -> tuple[Float[Array, " m"], Float[Array, " k"]]:
-        """Coefficients and contact pressures."""
-        return unknowns[: self.functional.size], unknowns[self.functional.size :]
+    def contact_pressures(self, unknowns: Vector, pressure: Scalar) -> Float[Array, " k"]:
+        """At the contact points per flat area, in mu t_m / a."""
+        return self.functional.contact_pressures(unknowns, self, pressure / self.unit())
 
     def unloaded_state(self) -> Vector:
         """The unknowns of the flat membrane."""
-        count = self.functional.size + self.functional.contacts(self)
-        return jnp.zeros_like(self.shell.a, shape=(count,))
+        return jnp.zeros_like(self.shell.a, shape=(self.functional.size,))
 
     def first_guess(self, load: Scalar) -> Vector:
         """A cap: what the small-deflection law (2.1) of a square gives, with the first polynomial of w alone."""
@@ -117,36 +115,20 @@ class EnergyScene(Scene):
         places = jnp.stack([self.shell.a * x, self.shell.b * y, jnp.zeros_like(self.shell.a * x)], axis=-1)
         return {"membrane_clear_at_rest": smallest(jax.vmap(self.body.distance)(places))}
 
-    def expansions(self) -> Callable[[Vector, Float[Array, " k"], Scalar], Expansion]:
-        """(coefficients, contact pressures, load) -> energy with its derivatives, for `minimise`; see `Expansion`."""
-        work, unit_weights = self.functional, self.functional.contact_weights(self)
-
-        def expansion(y: Vector, multipliers: Float[Array, " k"], load: Scalar) -> Expansion:
-            scaled = load**3
-            x = work.expand(y, self, scaled)
-            by_load = -3 * load**2 * x.lift
-            if not work.contacts(self):
-                none = multipliers
-                return Expansion(x.value, x.gradient, x.hessian, by_load, none, jnp.zeros((0, work.size)), none, none)
-            stiffness = rho(scaled)
-            terms = work.contact_terms(y, multipliers, self, stiffness)
-            pushes = unit_weights * terms.contact_pressures
-            value = x.value + (unit_weights @ (terms.contact_pressures**2 - multipliers**2)) / (2 * stiffness)
-            closed = jnp.where(terms.contact_pressures > 0, stiffness * unit_weights, 0.0)
-            hessian = x.hessian - terms.curvature + terms.slopes.T @ (closed[:, None] * terms.slopes)
-            gradient = x.gradient - pushes @ terms.slopes
-            return Expansion(
-                value,
-                gradient,
-                hessian,
-                by_load,
-                terms.gaps,
-                terms.slopes,
-                terms.contact_pressures,
-                unit_weights,
-            )
-
-        return expansion
+    def expansion(self, y: Vector, load: Scalar) -> Expansion:
+        """The energy with its derivatives at a load, for `minimise`."""
+        work, scaled, by_scaled = self.functional, load**3, 3 * load**2
+        x = work.expand(y, self, scaled)
+        if self.body is None:
+            return Expansion(x.value, x.gradient, x.hessian, -by_scaled * x.lift, jnp.asarray(False))
+        layer = work.layer(y, self, scaled)
+        return Expansion(
+            x.value + layer.value,
+            x.gradient + layer.gradient,
+            x.hessian + layer.hessian,
+            by_scaled * (layer.by_load - x.lift),
+            layer.touching,
+        )
 
     def residual(self, unknowns, pressure):
         return self.functional.equations(unknowns, self, pressure / self.unit())
@@ -164,7 +146,7 @@ class EnergyScene(Scene):
         return jnp.where(flat, 0.0, found)
 
     def observe(self, unknowns, pressure):
-        return self.measured(*self.split(unknowns), pressure)
+        return self.measured(unknowns, self.contact_pressures(unknowns, pressure), pressure)
 
     @abc.abstractmethod
     def measured(self, y: Vector, contact_pressures: Float[Array, " k"], pressure: Scalar) -> dict[str, Array]:
@@ -175,7 +157,7 @@ class EnergyScene(Scene):
 
     def surface(self, unknowns: Vector, pressure: Scalar, n: int) -> dict[str, Array]:
         """Maps on n x n points: see `maps.surface`."""
-        return maps.surface(self, unknowns, n)
+        return maps.surface(self, unknowns, pressure, n)
 
 
 class EnergyFree(EnergyScene):
