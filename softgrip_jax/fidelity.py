@@ -454,13 +454,9 @@ def _energy(scene: Any) -> Iterator[LadderModel]:
     given = (scene.across, scene.lengthwise)
     finer = (scene.across + 1, scene.lengthwise + 2)
     bases = [basis for basis in BASES if basis[0] < given[0] and basis[1] < given[1]] + [given, finer]
-    simpler = [(scene, ())]
-    if scene.bending:
-        simpler.insert(0, (dataclasses.replace(scene, bending=False), ("the wall's bending stiffness",)))
-    for one, left_out in simpler:
-        for across, along in bases:
-            sized = dataclasses.replace(one, across=across, lengthwise=along)
-            yield LadderModel(sized, left_out, f"{across} x {along} polynomials", ENERGY_COST * across * along)
+    for across, along in bases:
+        sized = dataclasses.replace(scene, across=across, lengthwise=along)
+        yield LadderModel(sized, (), f"{across} x {along} polynomials", ENERGY_COST * across * along)
 
 
 def _finger(scene: Any) -> Iterator[LadderModel]:

@@ -246,6 +246,24 @@ def test_a_held_finger_presses_as_the_beam_with_the_law_of_finite_elements():
         np.testing.assert_allclose(said, [errors[p] for p in (5, 15, 31)], atol=0.6)
 
 
+def test_a_beam_of_cells_is_near_a_whole_finger_by_finite_elements():
+    """Twelve chambers as one solid (benchmarks/whole_finger.py), which assumes nothing of how a segment bends."""
+    with (ROOT / "benchmarks" / "cell" / "whole_finger.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    short = dataclasses.replace(finger("A"), L=12 * finger("A").pitch)
+    scenes = {
+        "free": sg.pneunet.Free(short, drive="cell", weight=None),
+        "held": sg.pneunet.TipContact(short, drive="cell"),
+    }
+    for row in rows:
+        found = solved(scenes[row["tip"]], float(row["pressure_kPa"]) * kPa)
+        turn = np.degrees(float(found.tip_angle))
+        assert abs(turn / float(row["tip_angle_deg"]) - 1) < (0.03 if row["tip"] == "free" else 0.14)
+        if row["tip"] == "held":
+            assert abs(float(found.tip_force) / float(row["tip_force_N"]) - 1) < 0.07
+    assert {row["tip"] for row in rows} == {"free", "held"}
+
+
 @pytest.mark.slow  # minutes without optimisation: the adaptive steps meet the kink where rims touch
 def test_another_integrator_finds_the_same_finger():
     # Near the clamp rims have met: 16 points tell the kink there to a few thousandths.

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import ClassVar, Protocol, runtime_checkable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -37,7 +38,7 @@ class FlatShell(Checked):
     Raises:
         InputError: where a field breaks its rule, or b is less than a (outside of jit).
 
-    Source: thesis 3.1. Walls are thin: above t_m / a of about 0.1 bending counts.
+    Source: thesis 3.1. Arcs are for thin walls; at t_m / a of 0.1 bending takes a tenth of a force.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -90,6 +91,10 @@ class ShellScene(CurveEquations, Scene):
     shell: FlatShell = part(FlatShell)
     model: str = choice("arc", "energy", default="arc", kw_only=True)
     """The thesis's arcs, or the energy membrane, which is within a few percent of finite elements and costs more."""
+    bending: bool = eqx.field(
+        static=True, default=True, kw_only=True, metadata={"doc": "whether the energy membrane resists bending"}
+    )
+    """Whether the energy membrane resists bending and is clamped without a slope; arcs never do."""
 
     ENDLESS: ClassVar[bool] = False
     """Whether the stretch grows without bound towards the end of the geometry (then a stiff material has no limit)."""

@@ -63,14 +63,19 @@ def _finder(largest: float) -> Callable[[Any, Scalar], Minimum]:
 
     @custom_vmap
     def _find(scene: Any, load: Scalar) -> Minimum:
-        return follow(scene, scene.unloaded_state(), jnp.zeros_like(load), scene.first_guess(load), load, largest)
+        return follow(scene, *_flat(scene, load), load, largest)
 
     @_find.def_vmap
     def _find_batch(axis_size, is_batched, *members):
-        met = one_after_other(_find, axis_size, tuple(is_batched), members, largest)
+        met = one_after_other(axis_size, tuple(is_batched), members, largest)
         return met, jax.tree.map(lambda _: True, met)
 
     return _find
+
+
+def _flat(scene: Any, load: Scalar) -> tuple[Vector, Scalar, Vector]:
+    """Where a membrane that nothing is known of starts: its unknowns, their load, and a guess for `load`."""
+    return scene.unloaded_state(), jnp.zeros_like(load), scene.first_guess(load)
 
 
 class _Known(NamedTuple):
@@ -86,10 +91,8 @@ class _Known(NamedTuple):
     """and its minimum; `reached` says whether there is one."""
 
 
-def one_after_other(
-    find: Callable[[Any, Scalar], Minimum], size: int, is_batched: Any, members: Any, largest: float
-) -> Minimum:
-    """The minima of all members. `find`: (scene, load) -> that of one member, from the flat membrane."""
+def one_after_other(size: int, is_batched: Any, members: Any, largest: float) -> Minimum:
+    """The minima of all members (scene, load)."""
 
     def spread(leaf, batched):
         return leaf if batched else jnp.broadcast_to(leaf, (size, *jnp.shape(leaf)))
@@ -99,7 +102,7 @@ def one_after_other(
     *varied, load = [leaf if batched else jnp.zeros((size, 0)) for leaf, batched in pairs]
     numbers = _numbers(load, varied, size)
     # In a batch of batches each has its own fit, and none is computed that is not needed.
-    return sequential_vmap(lambda numbers, members: _in_turn(find, numbers, members, largest))(numbers, members)
+    return sequential_vmap(lambda numbers, members: _in_turn(numbers, members, largest))(numbers, members)
 
 
 def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]:
@@ -113,28 +116,28 @@ def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]
     return jnp.concatenate([jnp.ones((size, 1)), usual, loads**2], axis=1)
 
 
-def _in_turn(
-    find: Callable[[Any, Scalar], Minimum], numbers: Float[Array, "n m"], members: Any, largest: float
-) -> Minimum:
+def _in_turn(numbers: Float[Array, "n m"], members: Any, largest: float) -> Minimum:
     def next_member(known: _Known, member):
         here, (scene, load) = member
+        guess, flat = _guess(known, here, load), _flat(scene, load)
 
-        def begin():
-            return find(scene, load)
-
-        def tried():
-            guess = _guess(known, here, load)
-            met = follow(scene, guess, load, guess, load, largest)
+        # From the guess first, and from the flat membrane where that leads to no minimum beside it: one loop, so that
+        # the energy is compiled once.
+        def tried(state):
+            guessing, _, _ = state
+            start = select(guessing, (guess, load, guess), flat)
+            met = follow(scene, *start, load, largest)
             beside = met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE)
-            return lax.cond(beside, lambda: met, begin)
+            return jnp.asarray(False), guessing & ~beside, met
 
-        met = lax.cond(known.last.reached, tried, begin)
+        first = known.last.reached, jnp.asarray(True), known.last
+        met = lax.while_loop(lambda state: state[1], tried, first)[2]
         sums = known.products + jnp.outer(here, here), known.found + jnp.outer(here, met.y)
         more = _Known(*sums, here, met)
         return select(met.reached, more, known), met
 
     first = jax.tree.map(lambda leaf: leaf[0], members)
-    shapes = jax.eval_shape(find, *first)
+    shapes = jax.eval_shape(lambda scene, load: follow(scene, *_flat(scene, load), load, largest), *first)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     count = numbers.shape[1]
     begun = _Known(PRIOR * jnp.eye(count), jnp.zeros((count, nothing.y.size)), jnp.zeros(count), nothing)

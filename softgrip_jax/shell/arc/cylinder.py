@@ -189,7 +189,7 @@ class CylinderContact(ShellScene):
     }
 
     def energy_scene(self) -> Scene:
-        return EnergyCylinder(self.shell, Cylinder(self.radius, self.gap), symmetry="both")
+        return EnergyCylinder(self.shell, Cylinder(self.radius, self.gap), symmetry="both", bending=self.bending)
 
     def arcs(self) -> OnCylinder:
         return OnCylinder(self.shell, self.radius, self.gap, self.shell.b - self.shell.a)
@@ -258,7 +258,7 @@ class AxialOffset(ShellScene):
 
     def energy_scene(self) -> Scene:
         rod = Cylinder(self.radius, self.gap, offset_y=self.shell.b - self.height)
-        return EnergyCylinder(self.shell, rod, symmetry="across")
+        return EnergyCylinder(self.shell, rod, symmetry="across", bending=self.bending)
 
     def arcs(self) -> OnCylinder:
         reach = smaller(self.height, 2 * self.shell.b - self.height) - self.shell.a

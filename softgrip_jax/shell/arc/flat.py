@@ -57,7 +57,7 @@ class FlatContact(ShellScene):
     }
 
     def energy_scene(self) -> Scene:
-        return EnergyFlat(self.shell, Plane(self.distance), symmetry="both")
+        return EnergyFlat(self.shell, Plane(self.distance), symmetry="both", bending=self.bending)
 
     def geometry(self):
         return 2 * jnp.arctan(self.distance / self.shell.a), jnp.pi + jnp.zeros_like(self.distance)

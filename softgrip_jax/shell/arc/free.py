@@ -92,7 +92,7 @@ class Free(ShellScene):
     ENDLESS: ClassVar = True
 
     def energy_scene(self) -> Scene:
-        return EnergyFree(self.shell)
+        return EnergyFree(self.shell, bending=self.bending)
 
     def arcs(self):
         return FreeArcs(self.shell)

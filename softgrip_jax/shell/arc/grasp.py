@@ -151,6 +151,7 @@ class Grasp(ShellScene):
             self.shell,
             rod,
             symmetry="both",
+            bending=self.bending,
             mass=self.mass,
             friction=self.friction,
             eccentricity=self.eccentricity,

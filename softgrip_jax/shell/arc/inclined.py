@@ -66,7 +66,7 @@ class InclinedContact(ShellScene):
 
     def energy_scene(self) -> Scene:
         height = (self.distance + self.shell.a * jnp.sin(self.angle)) / jnp.cos(self.angle)
-        return EnergyInclined(self.shell, Plane(height, tilt_y=self.angle), symmetry="along")
+        return EnergyInclined(self.shell, Plane(height, tilt_y=self.angle), symmetry="along", bending=self.bending)
 
     def geometry(self):
         def width(theta, scene):

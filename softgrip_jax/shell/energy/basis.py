@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -34,15 +35,15 @@ class Grid(NamedTuple):
     """The same along the length."""
     symmetry: str
     """Mirror symmetry: 'across' (x -> -x), 'along' (y -> -y), 'both' or 'none'."""
-    bending: bool
-    """Whether w has no slope on the edges and second derivatives are needed."""
 
 
+Rule = tuple[np.ndarray, np.ndarray]
+"""Points and weights."""
 Values = tuple[Float[np.ndarray, "r q nu"], Float[np.ndarray, "r q nv"], Float[np.ndarray, "r q nw"]]
 """Of u, v, w: each derivative (ORDERS) of each polynomial at each point."""
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-"""Derivatives by (xi, eta) that the tables hold; the last three are for bending and for maps of the contact."""
+"""Derivatives by (xi, eta) that tables hold; the last three are for bending and for maps of the contact."""
 
 
 class Tables(NamedTuple):
@@ -55,15 +56,14 @@ class Tables(NamedTuple):
     values: Values
 
 
-def polynomials(degrees: list[int], x: np.ndarray, clamped: bool) -> Float[np.ndarray, "k 3 n"]:
+def polynomials(degrees: list[int], x: np.ndarray) -> Float[np.ndarray, "k 3 n"]:
     """Values and two derivatives of the polynomials of these degrees that vanish at -1 and 1.
 
-    P_k - P_{k-2} (their slopes are orthogonal), or clamped, without slope at the ends: (1 - x^2)^2 P_{k-2}.
+    P_k - P_{k-2}, over the norm of their slopes, which are orthogonal.
     """
     rows = []
     for k in degrees:
-        series = legendre.legmul([2 / 3, 0, -2 / 3], [2 / 3, 0, -2 / 3]) if clamped else np.eye(k + 1)[k]
-        series = legendre.legmul(series, np.eye(k - 1)[k - 2]) if clamped else series - np.eye(k + 1)[k - 2]
+        series = np.eye(k + 1)[k] - np.eye(k + 1)[k - 2]
         slope = legendre.legder(series)
         square = legendre.legint(legendre.legmul(slope, slope))
         size = np.sqrt(legendre.legval(1, square) - legendre.legval(-1, square))
@@ -85,26 +85,21 @@ def counts(grid: Grid) -> tuple[int, int]:
     return math.ceil(IN_PLANE[0] * grid.across), math.ceil(IN_PLANE[1] * grid.along)
 
 
-def at_points(grid: Grid, points: Any, second: bool = False) -> Values:
-    """The tables' `values` at any points (xi, eta). u is odd across, v odd along, w even in both.
-
-    second: whether the second derivatives are wanted, whatever the grid holds.
-    """
+def at_points(grid: Grid, points: Any, orders: Sequence[tuple[int, int]] = ORDERS[:3]) -> Values:
+    """The tables' `values` at any points (xi, eta). u is odd across, v odd along, w even in both."""
     xi, eta = np.asarray(points, dtype=float).T
     few, many = counts(grid), (grid.across, grid.along)
     found = []
-    for component, (number, even) in enumerate(((few, (False, True)), (few, (True, False)), (many, (True, True)))):
-        clamped = grid.bending and component == 2
+    for number, even in ((few, (False, True)), (few, (True, False)), (many, (True, True))):
         x, y = (
-            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at, clamped)
+            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at)
             for axis, at in enumerate((xi, eta))
         )
-        orders = ORDERS if grid.bending or second else ORDERS[:3]
         found.append(np.stack([(x[:, None, i] * y[None, :, j]).reshape(-1, len(xi)).T for i, j in orders]))
     return found[0], found[1], found[2]
 
 
-def _product(grid: Grid, rules: tuple[tuple[np.ndarray, np.ndarray], ...]) -> Tables:
+def _product(grid: Grid, rules: Sequence[Rule], orders: Sequence[tuple[int, int]] = ORDERS[:3]) -> Tables:
     """Points and weights (of half a side, their sum is 2) on the side that is looked at, or mirrored to both."""
     sides = []
     for axis, (x, weights) in enumerate(rules):
@@ -112,24 +107,45 @@ def _product(grid: Grid, rules: tuple[tuple[np.ndarray, np.ndarray], ...]) -> Ta
         sides.append((x, weights) if _is_even(grid, axis) else both)
     (x, wx), (y, wy) = sides
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    return Tables(points, np.outer(wx, wy).ravel(), at_points(grid, points))
+    return Tables(points, np.outer(wx, wy).ravel(), at_points(grid, points, orders))
+
+
+def _gauss(n: int) -> Rule:
+    """n Gauss points of a whole side with an even number of them: one half."""
+    x, weights = legendre.leggauss(2 * n)
+    return x[x > 0], 2 * weights[x > 0]
 
 
 @functools.cache
 def quadrature(grid: Grid) -> Tables:
-    """Gauss points of the whole sides, one half of them."""
-
-    def half(n: int) -> tuple[np.ndarray, np.ndarray]:
-        x, weights = legendre.leggauss(2 * (n + SPARE_POINTS))
-        return x[x > 0], 2 * weights[x > 0]
-
-    return _product(grid, (half(grid.across), half(grid.along)))
+    """Gauss points for the sheet."""
+    return _product(grid, (_gauss(grid.across + SPARE_POINTS), _gauss(grid.along + SPARE_POINTS)))
 
 
-def contact_axes(grid: Grid) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+@functools.cache
+def bending_tables(grid: Grid) -> Tables:
+    """Gauss points for bending, which is small and needs fewer: first and second derivatives."""
+    return _product(grid, (_gauss(grid.across), _gauss(grid.along)), ORDERS[1:])
+
+
+@functools.cache
+def clamp_tables(grid: Grid) -> Tables:
+    """Gauss points on the long edges x = +-a, then on the short ones: the derivative across the edge.
+
+    The weights of each pair of edges sum to 4, two sides of length 2.
+    """
+    edge = np.ones(1), 2 * np.ones(1)
+    across, along = (_gauss(n + SPARE_POINTS) for n in (grid.across, grid.along))
+    long, short = _product(grid, (edge, along), ORDERS[1:2]), _product(grid, (across, edge), ORDERS[2:3])
+    u, v, w = (np.concatenate(pair, axis=1) for pair in zip(long.values, short.values, strict=True))
+    points, weights = (np.concatenate(pair) for pair in zip(long[:2], short[:2], strict=True))
+    return Tables(points, weights, (u, v, w))
+
+
+def contact_axes(grid: Grid) -> tuple[Rule, Rule]:
     """Points and weights on half a side, across and along, where contact is asked for."""
 
-    def half(n: int) -> tuple[np.ndarray, np.ndarray]:
+    def half(n: int) -> Rule:
         x, weights = legendre.leggauss(CONTACT_POINTS * n)
         return (x + 1) / 2, weights
 

@@ -1,26 +1,20 @@
-"""The membrane as a minimum of energy under contact: values, gradients and Hessians by a few matrix products.
+"""The membrane as a minimum of energy: values, gradients and Hessians by a few matrix products.
 
 With u, v, w in polynomials (coefficients y), equilibrium at the pressure p is a minimum of
 
     Pi / (mu t_m a^2) = integral W(C) / mu  -  p a / (mu t_m) * volume,       lengths in a, per flat area,
 
-plus the energy of contact. With the gap g between the outer face and the object at the contact points and the stiffness
-rho = RHO p a / (mu t_m) of a thin layer on the object, the contact's pressure lambda per flat area and its energy are
+plus the energies of bending, of the clamped edges and of contact. Each is a density at points (a `Term`). C = F^T F is
+that of the middle surface (plane stress, incompressible), the volume under it is the integral of w (F11 F22 - F12 F21).
 
-    lambda = rho max(0, -g),        sum of weight * lambda^2 / (2 rho).
-
-The layer gives way by a / RHO where the contact presses as much as the air. It lets polynomials, which are never quite
-flat, lie on an object over an area and not at single points. C = F^T F is that of the middle surface (plane stress,
-incompressible), the volume under it is the integral of w (F11 F22 - F12 F21).
-
-W is a function of tr C and det C, both polynomials in F, so the second derivatives at a point are written out (D), and
-the Hessian is the sum of B^T D B over the points, with the constant tables B.
+W is a function of tr C and det C, both polynomials in F, so the sheet's second derivatives at a point are written out
+(D). The other terms are left to JAX. The Hessian is the sum of B^T D B over the points, with the constant tables B.
 """
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -28,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .basis import Grid, Values, at_points, contact_tables, quadrature
-from .sheet import bent, local, tension_field
+from .basis import Grid, Tables, Values, at_points, bending_tables, clamp_tables, contact_tables, quadrature
+from .sheet import bending, bending_measures, chained_bending, clamping, local, tension_field
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -39,28 +33,27 @@ Entries = dict[tuple[int, int, int, int], Array]
 LEAST_PRESSURE = 1e-3
 """This is added to p a / (mu t_m) in rho, which must not vanish with the pressure."""
 RHO = 1000.0
-"""rho over p a / (mu t_m). Half of it changes forces by 0.4 %."""
+"""rho over p a / (mu t_m). Twice of it changes forces by less than 0.5 %."""
+
+
+class Term(NamedTuple):
+    """An energy as a sum over points."""
+
+    density: Callable[..., Scalar]
+    """(e, point, scene, load) -> energy at a point, in mu t_m, with the derivatives e that the tables hold."""
+    tables: Tables
+    weights: Float[Array, " q"]
+    """Of the points: flat area in a^2, or length in a."""
 
 
 class Expanded(NamedTuple):
-    """Of the energy without contact."""
-
-    value: Scalar
-    gradient: Vector
-    hessian: Float[Array, "n n"]
-    lift: Vector
-    """d volume / dy: minus the change of the gradient with p a / (mu t_m)."""
-
-
-class Layer(NamedTuple):
-    """Of the energy of contact."""
+    """Of an energy in mu t_m a^2."""
 
     value: Scalar
     gradient: Vector
     hessian: Float[Array, "n n"]
     by_load: Vector
     """d gradient / d (p a / (mu t_m))."""
-    touching: Bool[Array, ""]
 
 
 class Functional:
@@ -68,7 +61,8 @@ class Functional:
 
     def __init__(self, grid: Grid):
         self.grid = grid
-        self.inside, self.touching = quadrature(grid), contact_tables(grid)
+        self.inside, self.bent, self.clamps = quadrature(grid), bending_tables(grid), clamp_tables(grid)
+        self.touching = contact_tables(grid)
         self.sizes = [values.shape[-1] for values in self.inside.values]
         self.size = sum(self.sizes)
         self.equations = jax.custom_jvp(self._equations)
@@ -110,43 +104,82 @@ class Functional:
                 blocks[j, i] = blocks[i, j].T
         return jnp.concatenate([jnp.concatenate([blocks[i, j] for j in range(3)], axis=1) for i in range(3)])
 
-    # --- the energy without contact -----------------------------------------------------------------------------------
+    # --- the energy ---------------------------------------------------------------------------------------------------
 
-    def area_weights(self, scene: Any) -> Float[Array, " q"]:
-        """Weights of the quadrature points for integrals over the flat membrane, in a^2."""
-        return self.inside.weights * (scene.shell.b / scene.shell.a)
+    def terms(self, scene: Any) -> list[Term]:
+        """What the energy is the sum of: the sheet and the air, bending and its clamps, contact."""
+        long = scene.shell.b / scene.shell.a
+        found = [Term(_sheet, self.inside, self.inside.weights * long)]
+        if scene.bending:
+            found.append(Term(_bending, self.bent, self.bent.weights * long))
+            lengths = jnp.where(_on_short_edge(self.clamps.points.T), 1.0, long)
+            found.append(Term(_clamping, self.clamps, self.clamps.weights * lengths))
+        if scene.body is not None:
+            found.append(Term(_contact, self.touching, self.contact_weights(scene)))
+        return found
 
     def value(self, y: Vector, scene: Any, load: Scalar) -> Scalar:
-        """Energy without contact, in mu t_m a^2; load: p a / (mu t_m)."""
-        at = jax.vmap(_density, in_axes=(0, 0, None, None))(self.deformed(y), self.inside.points, scene, load)
-        return jnp.dot(self.area_weights(scene), at)
-
-    def _gradient(self, y: Vector, scene: Any, load: Scalar) -> Vector:
-        slopes = jax.vmap(jax.grad(_density), in_axes=(0, 0, None, None))(
-            self.deformed(y), self.inside.points, scene, load
-        )
-        return self._weighted(slopes * self.area_weights(scene)[:, None, None], self.inside.values)
+        """Energy in mu t_m a^2; load: p a / (mu t_m)."""
+        found = jnp.zeros_like(load)
+        for density, tables, weights in self.terms(scene):
+            e = self.deformed(y, tables.values)
+            found += weights @ jax.vmap(density, in_axes=(0, 0, None, None))(e, tables.points, scene, load)
+        return found
 
     def expand(self, y: Vector, scene: Any, load: Scalar) -> Expanded:
         """Energy, gradient and Hessian in one pass: what Newton's method asks for."""
-        if self.grid.bending:
-            return self._expand_bent(y, scene, load)
-        sheet = _Sheet(self.deformed(y), scene, load, self.area_weights(scene))
-        gradient = self._weighted(sheet.slopes(), self.inside.values)
-        hessian = self._assembled(sheet.curvatures(), self.inside.values)
-        return Expanded(sheet.value(), gradient, hessian, self._weighted(sheet.lifts(), self.inside.values))
+        own = {_sheet: self._expanded_sheet, _bending: self._expanded_bending}
+        parts = [own.get(term.density, self._expanded)(term, y, scene, load) for term in self.terms(scene)]
+        return jax.tree.map(lambda *values: functools.reduce(jnp.add, values), *parts)
 
-    def _expand_bent(self, y: Vector, scene: Any, load: Scalar) -> Expanded:
-        e, points, weights = self.deformed(y), self.inside.points, self.area_weights(scene)
-        value, slopes, curvatures = jax.vmap(_expansion(_density), in_axes=(0, 0, None, None))(e, points, scene, load)
-        orders = range(e.shape[-1])
-        entries = {
-            (i, r, j, s): weights * curvatures[:, i, r, j, s] for i in range(3) for j in range(i, 3) for r in orders
-            for s in orders
-        }  # fmt: skip
-        gradient = self._weighted(slopes * weights[:, None, None], self.inside.values)
-        lift = self._gradient(y, scene, load - 1) - gradient
-        return Expanded(weights @ value, gradient, self._assembled(entries, self.inside.values), lift)
+    def _expanded_sheet(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
+        sheet, values = _Sheet(self.deformed(y), scene, load, term.weights), term.tables.values
+        gradient, hessian = self._weighted(sheet.slopes(), values), self._assembled(sheet.curvatures(), values)
+        return Expanded(sheet.value(), gradient, hessian, -self._weighted(sheet.lifts(), values))
+
+    def _expanded_bending(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
+        shell, values = scene.shell, term.tables.values
+        thickness, aspect, mu = shell.t_m / shell.a, shell.a / shell.b, shell.material.shear_modulus()
+        e = self.deformed(y, values)
+
+        def energy(measures):
+            return bending(measures, thickness, shell.material.sheet_energy) / mu
+
+        measures = jax.vmap(bending_measures, in_axes=(0, None))(e, aspect)
+        value, by, curved = jax.vmap(_expansion(energy))(measures)
+        slopes, curvatures = jax.vmap(chained_bending, in_axes=(0, None, 0, 0))(e, aspect, by, curved)
+        weights = term.weights
+        return Expanded(
+            weights @ value,
+            self._weighted(weights[:, None, None] * slopes, values),
+            _gathered(weights[:, None, None, None, None] * curvatures, values),
+            jnp.zeros_like(y),
+        )
+
+    def _expanded(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
+        density, tables, weights = term
+
+        e = self.deformed(y, tables.values)
+
+        def at_points(e, load):
+            return jax.vmap(density, in_axes=(0, 0, None, None))(e, tables.points, scene, load)
+
+        def slopes(e, load):
+            return jax.grad(lambda e: weights @ at_points(e, load))(e)
+
+        # One direction after the other: XLA would compute all of them anew wherever one is used.
+        directions = jnp.eye(e[0].size).reshape(-1, *e.shape[1:])
+        curved = jax.lax.map(
+            lambda along: jax.jvp(lambda e: slopes(e, load), (e,), (jnp.broadcast_to(along, e.shape),))[1], directions
+        )
+        curved = jnp.moveaxis(curved.reshape(e.shape[1:] + e.shape), 2, 0)
+        slope, by_load = jax.jvp(lambda load: slopes(e, load), (load,), (jnp.ones_like(load),))
+        return Expanded(
+            weights @ at_points(e, load),
+            self._weighted(slope, tables.values),
+            _gathered(curved, tables.values),
+            self._weighted(by_load, tables.values),
+        )
 
     # --- contact ------------------------------------------------------------------------------------------------------
 
@@ -157,42 +190,26 @@ class Functional:
     def gaps(self, y: Vector, scene: Any) -> Float[Array, " k"]:
         """Signed distance of the outer face from the object at the contact points, in a."""
         e = self.deformed(y, self.touching.values)
-        return jax.vmap(gap, in_axes=(0, 0, None))(e, self.touching.points, scene)
+        return jax.vmap(_gap, in_axes=(0, 0, None))(e, self.touching.points, scene)
 
     def contact_pressures(self, y: Vector, scene: Any, load: Scalar) -> Float[Array, " k"]:
         """At the contact points per flat area, in mu t_m / a; none in free space."""
-        return jnp.zeros(0) if scene.body is None else pressed(self.gaps(y, scene), load)
+        return jnp.zeros(0) if scene.body is None else rho(load) * jnp.maximum(0.0, -self.gaps(y, scene))
 
-    def layer(self, y: Vector, scene: Any, load: Scalar) -> Layer:
-        """The energy of contact, expanded."""
-        values, stiffness = self.touching.values, rho(load)
-        e = self.deformed(y, values)
-        gaps, by_e, curved = jax.vmap(_expansion(gap), in_axes=(0, 0, None))(e, self.touching.points, scene)
-        pressures, weights = pressed(gaps, load), self.contact_weights(scene)
-        pushes = weights * pressures
-        stiff = jnp.where(pressures > 0, stiffness * weights, 0.0)
-        entries = {
-            (i, r, j, s): stiff * by_e[:, i, r] * by_e[:, j, s] - pushes * curved[:, i, r, j, s]
-            for i in range(3) for j in range(i, 3) for r in range(3) for s in range(3)
-        }  # fmt: skip
-        gradient = -self._weighted(by_e * pushes[:, None, None], values)
-        value = pushes @ pressures / (2 * stiffness)
-        hessian = self._assembled(entries, values)
-        # lambda is in proportion to rho, and rho - RHO LEAST_PRESSURE to the load.
-        return Layer(value, gradient, hessian, gradient * (RHO / stiffness), jnp.any(pressures > 0))
+    def touches(self, y: Vector, scene: Any) -> Bool[Array, ""]:
+        """Whether the contact presses anywhere."""
+        return jnp.asarray(False) if scene.body is None else jnp.any(self.gaps(y, scene) < 0)
 
     # --- equilibrium --------------------------------------------------------------------------------------------------
 
     def _equations(self, y: Vector, scene: Any, load: Scalar) -> Vector:
-        """dPi/dy, contact included."""
-        pull = self._gradient(y, scene, load)
-        if scene.body is None:
-            return pull
-        values = self.touching.values
-        e = self.deformed(y, values)
-        gaps, by_e = jax.vmap(jax.value_and_grad(gap), in_axes=(0, 0, None))(e, self.touching.points, scene)
-        pushes = self.contact_weights(scene) * pressed(gaps, load)
-        return pull - self._weighted(by_e * pushes[:, None, None], values)
+        """dPi/dy."""
+        found = jnp.zeros_like(y)
+        for density, tables, weights in self.terms(scene):
+            e = self.deformed(y, tables.values)
+            slopes = jax.vmap(jax.grad(density), in_axes=(0, 0, None, None))(e, tables.points, scene, load)
+            found += self._weighted(slopes * weights[:, None, None], tables.values)
+        return found
 
     def _equations_jvp(self, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
         (y, scene, load), (along, *rest) = primals, tangents
@@ -201,13 +218,76 @@ class Functional:
 
     def jacobian(self, y: Vector, scene: Any, load: Scalar) -> Float[Array, "n n"]:
         """Derivatives of the equations by the coefficients."""
-        hessian = self.expand(y, scene, load).hessian
-        return hessian if scene.body is None else hessian + self.layer(y, scene, load).hessian
+        return self.expand(y, scene, load).hessian
 
 
-def pressed(gaps: Float[Array, " k"], load: Scalar) -> Float[Array, " k"]:
-    """The pressure of the contact at gaps (in a) per flat area, in mu t_m / a."""
-    return jnp.where(gaps < 0, -rho(load) * gaps, 0.0)
+def _gathered(curved: Float[Array, "q 3 r 3 r"], values: Values) -> Float[Array, "size size"]:
+    """Sum over the points of B^T D B."""
+    blocks: dict[tuple[int, int], Array] = {}
+    for i in range(3):
+        for j in range(i, 3):
+            by_order = jnp.transpose(curved[:, i, :, j], (1, 2, 0))
+            halves = jnp.sum(by_order[..., None] * values[j][None], axis=1)
+            rows = values[i].reshape(-1, values[i].shape[-1])
+            blocks[i, j] = rows.T @ halves.reshape(len(rows), -1)
+            blocks[j, i] = blocks[i, j].T
+    return jnp.block([[blocks[i, j] for j in range(3)] for i in range(3)])
+
+
+def _expansion(function: Callable[[Vector], Scalar]) -> Callable[[Vector], tuple[Scalar, Vector, Float[Array, "n n"]]]:
+    """Value, gradient and Hessian at one point: tangents of a gradient that keeps its value."""
+
+    def expanded(x):
+        def with_slope(x):
+            value, slope = jax.value_and_grad(function)(x)
+            return slope, (value, slope)
+
+        curvature, (value, slope) = jax.jacfwd(with_slope, has_aux=True)(x)
+        return value, slope, curvature
+
+    return expanded
+
+
+# --- densities --------------------------------------------------------------------------------------------------------
+
+
+def _sheet(e: Float[Array, "3 3"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
+    """Of the stretched sheet and the air beneath it, per flat area."""
+    shell, at = scene.shell, local(e, point, scene.shell.a / scene.shell.b)
+    elastic = shell.material.sheet_energy(*tension_field(at.trace, at.determinant))
+    return elastic / shell.material.shear_modulus() - load * at.place[2] * at.normal[2]
+
+
+def _bending(e: Float[Array, "3 5"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
+    """See `sheet.bending`; e: without the displacements themselves."""
+    shell = scene.shell
+    found = bending(bending_measures(e, shell.a / shell.b), shell.t_m / shell.a, shell.material.sheet_energy)
+    return found / shell.material.shear_modulus()
+
+
+def _clamping(e: Float[Array, "3 1"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
+    """See `sheet.clamping`; e: the derivatives across the edge."""
+    aspect, short = scene.shell.a / scene.shell.b, _on_short_edge(point)
+    scale = jnp.where(short, aspect, 1.0)
+    slope = jnp.arctan2(scale * e[2, 0], 1 + scale * jnp.where(short, e[1, 0], e[0, 0]))
+    waves = jnp.where(short, scene.grid.along * aspect, scene.grid.across)
+    return clamping(slope, load, scene.shell.t_m / scene.shell.a, waves)
+
+
+def _on_short_edge(point: Any) -> Any:
+    """Of points on the edges."""
+    return abs(point[1]) == 1
+
+
+def _contact(e: Float[Array, "3 3"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
+    """Of a thin layer on the object, per flat area.
+
+    With the gap g between the outer face and the object, the layer's stiffness rho = RHO p a / (mu t_m) and the
+    contact's pressure lambda = rho max(0, -g), it is lambda^2 / (2 rho). The layer gives way by a / RHO where the
+    contact presses as much as the air. It lets polynomials, which are never quite flat, lie on an object over an area
+    and not at single points.
+    """
+    return 0.5 * rho(load) * jnp.maximum(0.0, -_gap(e, point, scene)) ** 2
 
 
 def rho(load: Scalar) -> Scalar:
@@ -215,40 +295,15 @@ def rho(load: Scalar) -> Scalar:
     return RHO * (load + LEAST_PRESSURE)
 
 
-def gap(e: Float[Array, "3 r"], point: Float[Array, 2], scene: Any) -> Scalar:
+def _gap(e: Float[Array, "3 r"], point: Float[Array, 2], scene: Any) -> Scalar:
     """Signed distance of the outer face from the object at one point, in a."""
     shell = scene.shell
     place = local(e, point, shell.a / shell.b).face(shell.t_m / shell.a)
     return scene.body.distance(place * shell.a) / shell.a
 
 
-def _expansion(function):
-    """Value, gradient and Hessian by the first argument, at one point: tangents of a gradient that keeps its value."""
-
-    def expanded(e, *rest):
-        def with_slope(e):
-            value, slope = jax.value_and_grad(function)(e, *rest)
-            return slope, (value, slope)
-
-        curvature, (value, slope) = jax.jacfwd(with_slope, has_aux=True)(e)
-        return value, slope, curvature
-
-    return expanded
-
-
-def _density(e: Float[Array, "3 r"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
-    """Energy per flat area at one point, in mu t_m."""
-    shell, at = scene.shell, local(e, point, scene.shell.a / scene.shell.b)
-    if scene.grid.bending:
-        fibres = bent(e, at, shell.a / shell.b, shell.t_m / shell.a)
-        elastic = sum(shell.material.sheet_energy(*fibre) for fibre in fibres) / 2
-    else:
-        elastic = shell.material.sheet_energy(*tension_field(at.trace, at.determinant))
-    return elastic / shell.material.shear_modulus() - load * at.place[2] * at.normal[2]
-
-
 class _Sheet:
-    """The energy of `_density` without bending, its slopes and its curvatures, all points at a time.
+    """The energy of `_sheet`, its slopes and its curvatures, all points at a time.
 
     With the tangents X, Y (columns of F): tr C = X.X + Y.Y, det C = (X.X)(Y.Y) - (X.Y)^2, and the volume's density
     w (X_1 Y_2 - X_2 Y_1).
@@ -264,21 +319,13 @@ class _Sheet:
         self.tangents = x, y
         self.xx, self.yy, self.xy = _dot(x, x), _dot(y, y), _dot(x, y)
 
-        def energy(trace, determinant):
-            return shell.material.sheet_energy(*tension_field(trace, determinant)) / mu
+        def energy(invariants):
+            return shell.material.sheet_energy(*tension_field(*invariants)) / mu
 
-        def expanded(trace, determinant):
-            def slopes(trace, determinant):
-                value, found = jax.value_and_grad(energy, (0, 1))(trace, determinant)
-                return found, (value, found)
-
-            curved, (value, slope) = jax.jacfwd(slopes, (0, 1), has_aux=True)(trace, determinant)
-            return value, slope, curved
-
-        determinant = self.xx * self.yy - self.xy**2
-        self.energy, (self.by_t, self.by_d), ((self.tt, self.td), (_, self.dd)) = jax.vmap(expanded)(
-            self.xx + self.yy, determinant
-        )
+        invariants = jnp.stack([self.xx + self.yy, self.xx * self.yy - self.xy**2], axis=-1)
+        self.energy, by, curved = jax.vmap(_expansion(energy))(invariants)
+        self.by_t, self.by_d = by.T
+        self.tt, self.td, self.dd = curved[:, 0, 0], curved[:, 0, 1], curved[:, 1, 1]
         self.of_trace = [[2 * value for value in tangent] for tangent in (x, y)]
         self.of_determinant = [
             [2 * (self.yy * p - self.xy * q) for p, q in zip(x, y, strict=True)],

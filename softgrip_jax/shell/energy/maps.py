@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .basis import CONTACT_POINTS, Grid, Vector, at_points, contact_axes
+from .basis import CONTACT_POINTS, ORDERS, Grid, Vector, at_points, contact_axes
 from .sheet import local, tension_field
 
 TINY = 1e-30
@@ -96,7 +96,7 @@ def surface(scene: Any, unknowns: Vector, pressure: Array, n: int) -> dict[str, 
     line = np.linspace(-1, 1, n)
     points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     shell = scene.shell
-    e = scene.functional.deformed(unknowns, at_points(scene.grid, points, second=True))
+    e = scene.functional.deformed(unknowns, at_points(scene.grid, points, ORDERS))
     at, trace, determinant = _strains(scene, e, points)
     larger = _larger(trace, determinant)
     maps = {

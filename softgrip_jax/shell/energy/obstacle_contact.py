@@ -22,7 +22,8 @@ class ObstacleContact(EnergyScene):
         symmetry: mirror symmetry of the object, "across" (x -> -x), "along" (y -> -y), "both" or "none"; each halves
             the unknowns. "auto" looks for it where the object's numbers are known, and takes "none" where they are
             traced, so that derivatives by what breaks a symmetry are right. A symmetry that is named is checked.
-        bending: whether the wall has its bending stiffness and clamped slopes, for t_m / a above about 0.1.
+        bending: whether the membrane resists bending and is clamped without a slope. Without, a state takes a quarter
+            less time, and forces are too large by t_m / a or so.
         across, lengthwise: polynomials of the height, of each parity; there are nine contact points for each.
 
     Observables:

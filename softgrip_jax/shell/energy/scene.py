@@ -44,7 +44,7 @@ class EnergyScene(Scene):
     shell: FlatShell = part(FlatShell)
     obstacle: Obstacle | None = part(Obstacle)
     symmetry: str = choice("auto", "none", "across", "along", "both", default="auto")
-    bending: bool = eqx.field(static=True, default=False)
+    bending: bool = eqx.field(static=True, default=True)
     across: int = eqx.field(static=True, default=4)
     lengthwise: int = eqx.field(static=True, default=6)
 
@@ -69,7 +69,7 @@ class EnergyScene(Scene):
     @property
     def grid(self) -> Grid:
         """Polynomials and symmetry."""
-        return Grid(self.across, self.lengthwise, self.symmetry.replace("auto", "none"), self.bending)
+        return Grid(self.across, self.lengthwise, self.symmetry.replace("auto", "none"))
 
     @property
     def body(self) -> Obstacle | None:
@@ -117,18 +117,9 @@ class EnergyScene(Scene):
 
     def expansion(self, y: Vector, load: Scalar) -> Expansion:
         """The energy with its derivatives at a load, for `minimise`."""
-        work, scaled, by_scaled = self.functional, load**3, 3 * load**2
-        x = work.expand(y, self, scaled)
-        if self.body is None:
-            return Expansion(x.value, x.gradient, x.hessian, -by_scaled * x.lift, jnp.asarray(False))
-        layer = work.layer(y, self, scaled)
-        return Expansion(
-            x.value + layer.value,
-            x.gradient + layer.gradient,
-            x.hessian + layer.hessian,
-            by_scaled * (layer.by_load - x.lift),
-            layer.touching,
-        )
+        x = self.functional.expand(y, self, load**3)
+        touching = self.functional.touches(y, self)
+        return Expansion(x.value, x.gradient, x.hessian, 3 * load**2 * x.by_load, touching)
 
     def residual(self, unknowns, pressure):
         return self.functional.equations(unknowns, self, pressure / self.unit())
