@@ -144,3 +144,67 @@ def test_a_value_between_the_last_sample_and_the_stop_is_crossed_and_none_behind
         assert float(found.x) == pytest.approx(target, rel=1e-15)
     else:
         assert found.iterations == 0  # nothing is searched for
+
+
+def test_what_a_scan_says_of_a_parabola():
+    """Its top is at 0.3, between the samples 14 and 15 of 48, and between 3 and 4 of 12."""
+    start, end = 5.0, 7.0  # a curve may count from anywhere
+    for look, cells, last in (("cells", 48, 14), ("dips", 48, 14), ("single", 12, 4)):
+        scan = scan_curve(lambda x: -(((x - start) / 2 - 0.3) ** 2), jnp.asarray(start), jnp.asarray(end), look)
+        np.testing.assert_allclose(scan.x, np.linspace(start, end, cells + 1), rtol=1e-15)
+        np.testing.assert_allclose(scan.y, -(((scan.x - start) / 2 - 0.3) ** 2), atol=1e-15)
+        assert (int(scan.last), int(scan.sure), bool(scan.falls)) == (last, last, True)
+        assert (float(scan.low), float(scan.high)) == (scan.x[last - 1], scan.x[last + 1])
+        assert scan.x[last] < scan.clearly_after < scan.x[last] + 0.002 * 2 / cells
+    rising = scan_curve(lambda x: x, jnp.asarray(start), jnp.asarray(end))
+    assert (int(rising.last), int(rising.sure), bool(rising.falls)) == (48, 48, False)
+
+
+@pytest.mark.parametrize("look", ["cells", "dips", "single"])
+def test_a_curve_may_begin_anywhere(look):
+    powers, _ = of_slopes(0.37)
+    start = jnp.asarray(-3.0)
+    scan = scan_curve(lambda x: curve(powers)(x - start), start, start + 1.0, look)
+    x = first_maximum(lambda x: curve(powers)(x - start), scan, scan.falls)
+    assert float(x) == pytest.approx(-3 + 0.37, rel=1e-12)
+    for may_dip in (True, False):
+        x, falls = first_maximum_before(lambda x: curve(powers)(x - start), start, start + 1.0, may_dip)
+        assert falls
+        assert float(x) == pytest.approx(-3 + 0.37, rel=1e-12)
+        x, falls = first_maximum_before(lambda x: curve(powers)(x - start), start, start + 0.3, may_dip)
+        assert (float(x), bool(falls)) == (float(start + 0.3), False)
+
+
+def test_dips_down_to_the_150th_part_of_a_cell_are_seen_wherever_they_are():
+    """And what a scan says of them: the rising piece before, a place inside, and the samples that are surely before."""
+
+    places = np.linspace(0.07, 0.93, 300)
+    width = 1 / 140 / 48
+
+    @jax.jit
+    @jax.vmap
+    def scans(place):
+        def function(x):
+            return x * (x**2 / 3 - (2 * place + width) * x / 2 + place * (place + width))
+
+        return scan_curve(function, jnp.asarray(0.0), jnp.asarray(1.0), "dips")
+
+    scan = scans(places)
+    assert np.all(scan.falls)
+    assert np.all((scan.high >= places) & (scan.high <= places + width))
+    np.testing.assert_array_equal(scan.clearly_after, scan.high)
+    cell = np.floor(places * 48)
+    assert np.all(scan.low < places)
+    assert np.all(scan.low >= (cell - 2) / 48 - 1e-12)
+    assert np.all((scan.sure <= cell) & (scan.sure >= cell - 2))
+
+
+def test_a_curve_with_one_maximum_rises_over_a_thousandth_of_its_length():
+    """From there on it is looked for: a maximum just behind is found, and a curve that only falls ends there."""
+    powers, _ = of_slopes(1.5e-3)
+    x, falls = peak_before(powers, 1.0, False)
+    assert falls
+    assert float(x) == pytest.approx(1.5e-3, rel=1e-9)
+    x, falls = first_maximum_before(lambda x: -x, jnp.asarray(2.0), jnp.asarray(3.0), False)
+    assert falls
+    assert float(x) == pytest.approx(2 + 1e-3, rel=1e-12)

@@ -103,6 +103,8 @@ def test_newtons_method_takes_few_steps_from_a_good_guess_and_none_in_an_empty_b
     # A guess outside is not tried, be it another root.
     low, high, outside = (jnp.asarray(x) for x in (0.0, 3.0, -1.0))
     assert float(newton_bracketed(lambda x: x**2 - 1, low, high, outside).x) == pytest.approx(1, rel=2 * EPS)
+    beyond = newton_bracketed(lambda x: (x - 1) * (5 - x), low, high, jnp.asarray(5.0))
+    assert float(beyond.x) == pytest.approx(1, rel=2 * EPS)
     empty = newton(2, 0.7, 0.4, 0.4, 0.4)
     assert (float(empty.x), int(empty.iterations)) == (0.4, 0)
 
@@ -117,6 +119,16 @@ def test_a_short_first_move_does_not_tell_that_the_search_is_over():
     found = newton_bracketed(off_target, jnp.asarray(0.5), jnp.asarray(1.0 + 5e-7), jnp.asarray(1.0 + 1e-8))
     assert abs(float(found.x) - 1) < 1e-15
     assert float(found.iterations) > 2
+
+
+def test_nor_does_one_that_follows_a_halving():
+    """As above, and level from 6/5 on: the first step leads far away, and half the bracket to 1e-8 from the root."""
+
+    def off_target(x):
+        return jnp.where(x > 1.2, 1e6 + 1e-6 * x, 1 / (1.0 + 1e-6 - x) - 1e6)
+
+    found = newton_bracketed(off_target, jnp.asarray(0.5), jnp.asarray(2.0), jnp.asarray(1.5 + 2e-8))
+    assert abs(float(found.x) - 1) < 1e-15
 
 
 def test_no_derivative_passes_through_a_search():
@@ -197,7 +209,13 @@ def test_a_root_that_is_met_ends_a_search():
     low, high = jnp.asarray(0.0), jnp.asarray(1.0)
     found = bracketed_root(lambda x: x - 0.5, low, high)
     assert (float(found.x), int(found.iterations)) == (0.5, 1)
-    found = newton_bracketed(lambda x: x**2 - 0.25, low, high, jnp.asarray(0.5))
+    for sign in (1.0, -1.0):  # a guess that is off by the last bit alone
+        ends = (low + 0.25, high) if sign > 0 else (-high, low - 0.25)
+        guess = sign * jnp.nextafter(jnp.asarray(0.5), 1.0)
+        found = newton_bracketed(lambda x, sign=sign: x - sign * 0.5, *ends, guess)
+        assert (float(found.x), int(found.iterations)) == (sign * 0.5, 1)
+    # Instead of a guess outside the middle is tried.
+    found = newton_bracketed(lambda x: x - 0.5, low + 0.25, high - 0.25, jnp.asarray(7.0))
     assert (float(found.x), int(found.iterations)) == (0.5, 1)
 
 
