@@ -153,7 +153,7 @@ def test_what_a_scan_says_of_a_parabola():
         scan = scan_curve(lambda x: -(((x - start) / 2 - 0.3) ** 2), jnp.asarray(start), jnp.asarray(end), look)
         np.testing.assert_allclose(scan.x, np.linspace(start, end, cells + 1), rtol=1e-15)
         np.testing.assert_allclose(scan.y, -(((scan.x - start) / 2 - 0.3) ** 2), atol=1e-15)
-        assert (int(scan.last), int(scan.sure), bool(scan.falls)) == (last, last, True)
+        assert (int(scan.last), int(scan.sure), bool(scan.falls), scan.single) == (last, last, True, look == "single")
         assert (float(scan.low), float(scan.high)) == (scan.x[last - 1], scan.x[last + 1])
         assert scan.x[last] < scan.clearly_after < scan.x[last] + 0.002 * 2 / cells
     rising = scan_curve(lambda x: x, jnp.asarray(start), jnp.asarray(end))

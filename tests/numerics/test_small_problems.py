@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from softgrip_jax.numerics.collocation import gauss_points, integrals, remaining
+from softgrip_jax.numerics.collocation import between, gauss_points, integrals, remaining
 from softgrip_jax.numerics.small_linear import ELIMINATED, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
@@ -77,3 +77,18 @@ def test_integrals_along_a_line_of_parts(parts):
     np.testing.assert_allclose(ends, legendre.legval(bounds[1:], whole), atol=1e-14)
     rest = legendre.legval(1.0, whole) - legendre.legval(places, whole)
     np.testing.assert_allclose(remaining(values, jnp.asarray(widths), points), rest, atol=1e-14)
+
+
+def test_a_place_between_points_has_the_value_and_the_integral_of_their_polynomial():
+    """Of a polynomial that the points know exactly, at any place of any part."""
+    points, random = gauss_points(5), np.random.default_rng(3)
+    coefficients = random.normal(size=(2, 5))
+    values = jnp.stack([jnp.asarray(legendre.legval(2 * points.places - 1, c)) for c in coefficients])
+    at = jax.jit(jax.vmap(lambda place, part: between(values, place, part, points)))
+    places, parts = np.array([0.0, 0.13, 0.5, 1.0, 0.77]), np.array([0, 1, 1, 0, 0])
+    found, integral = at(places, parts)
+    for k, part in enumerate(parts):
+        x = 2 * places[k] - 1
+        assert float(found[k]) == pytest.approx(legendre.legval(x, coefficients[part]), abs=1e-14)
+        whole = legendre.legval(x, legendre.legint(coefficients[part], lbnd=-1)) / 2
+        assert float(integral[k]) == pytest.approx(whole, abs=1e-14)
