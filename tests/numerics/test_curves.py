@@ -88,6 +88,21 @@ def test_one_maximum_is_found_from_a_few_samples(turn):
         assert float(x) == pytest.approx(turn, rel=1e-12)
 
 
+@pytest.mark.parametrize("look", ["cells", "dips"])
+@pytest.mark.parametrize("turn", [0.3 / 48, 1.5 / 48, 47.6 / 48])
+def test_a_maximum_in_the_first_or_last_cells(turn, look):
+    powers, _ = of_slopes(turn)
+    x, scan = peak_of(powers, 1.0, look)
+    # The last sample is higher than the one before: that the curve falls at the end, slopes tell.
+    assert scan.falls == (turn < 0.9 or look == "dips")
+    if scan.falls:
+        assert float(x) == pytest.approx(turn, rel=1e-12)
+    x, falls = peak_before(powers, 1.0, True)
+    assert falls == (turn > 1 / 48)  # a curve is taken to rise over its first cell
+    if falls:
+        assert float(x) == pytest.approx(turn, rel=1e-12)
+
+
 def test_a_curve_that_rises_to_its_end_has_no_maximum_there():
     powers, _ = of_slopes(1.3)
     for look in ("cells", "dips", "single"):
@@ -175,8 +190,12 @@ def test_a_curve_may_begin_anywhere(look):
         assert (float(x), bool(falls)) == (float(start + 0.3), False)
 
 
-def test_dips_down_to_the_150th_part_of_a_cell_are_seen_wherever_they_are():
-    """And what a scan says of them: the rising piece before, a place inside, and the samples that are surely before."""
+@pytest.mark.parametrize("power", [0, 3])
+def test_dips_down_to_the_140th_part_of_a_cell_are_seen_wherever_they_are(power):
+    """And what a scan says of them: the rising piece before, a place inside, and the samples that are surely before.
+
+    A curve that begins with the fourth power of x rises least in its first cell, which is no dip.
+    """
 
     places = np.linspace(0.07, 0.93, 300)
     width = 1 / 140 / 48
@@ -185,7 +204,8 @@ def test_dips_down_to_the_150th_part_of_a_cell_are_seen_wherever_they_are():
     @jax.vmap
     def scans(place):
         def function(x):
-            return x * (x**2 / 3 - (2 * place + width) * x / 2 + place * (place + width))
+            parts = x**2 / (power + 3), -(2 * place + width) * x / (power + 2), place * (place + width) / (power + 1)
+            return x ** (power + 1) * sum(parts)
 
         return scan_curve(function, jnp.asarray(0.0), jnp.asarray(1.0), "dips")
 

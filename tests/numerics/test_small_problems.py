@@ -56,6 +56,27 @@ def test_what_is_computed_once_has_the_derivatives_that_it_should_have():
     assert_same_derivatives(lambda a: jnp.stack(split(a[0], a[1])), both, jnp.array([1.3, 0.4]))
 
 
+def test_numbers_of_arrays_and_arrays_of_numbers_are_differentiated_once():
+    def number(matrix, vector, number):
+        return {"x": jnp.sum(matrix @ jnp.sin(vector)) * number, "y": number**2 * vector[0] * matrix[1, 0]}
+
+    def array(a, b):
+        return jnp.outer(jnp.stack([a, b**2]), jnp.stack([a * b, b, jnp.sin(a)]))
+
+    args = jnp.array([[0.3, -1.0, 0.4], [2.0, 0.7, -0.2]]), jnp.array([0.5, 1.1, -0.6]), jnp.asarray(1.7)
+    along = jnp.array([[1.0, 0.2, -3.0], [0.1, 5.0, 0.6]]), jnp.array([-0.4, 0.9, 2.0]), jnp.asarray(0.8)
+    for plain, x, direction in ((number, args, along), (array, (0.7, 1.3), (0.2, -0.9))):
+        ours, theirs = (jax.jvp(f, x, direction) for f in (differentiated_once(plain), plain))
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-14), ours, theirs)
+
+
+def test_what_does_not_move_is_not_differentiated():
+    """a sqrt(b) at b = 0 has no slope by b, and one by a."""
+    split = differentiated_once(lambda a, b: a * jnp.sqrt(b))
+    assert jax.jvp(lambda a: split(a, jnp.asarray(0.0)), (3.0,), (1.0,))[1] == 0
+    assert jax.jvp(lambda b: split(3.0, b), (4.0,), (1.0,))[1] == 0.75
+
+
 def assert_same_derivatives(guarded, plain, x):
     """Of the first three orders, the first in both modes."""
     fwd = jax.jacfwd
