@@ -219,6 +219,13 @@ def test_dips_down_to_the_140th_part_of_a_cell_are_seen_wherever_they_are(power)
     assert np.all((scan.sure <= cell) & (scan.sure >= cell - 2))
 
 
+def test_a_slope_that_is_not_a_number_at_the_start_hides_no_dip():
+    """x^(3/2) as x sqrt(x) has none at zero, and the dip is in the second cell."""
+    powers, _ = of_slopes(1.2 / 48, 1.25 / 48)
+    scan = scan_curve(lambda x: curve(powers)(x) + 1e-9 * x * jnp.sqrt(x), jnp.asarray(0.0), jnp.asarray(1.0), "dips")
+    assert 1.2 / 48 <= scan.high <= 1.25 / 48
+
+
 def test_a_curve_with_one_maximum_rises_over_a_thousandth_of_its_length():
     """From there on it is looked for: a maximum just behind is found, and a curve that only falls ends there."""
     powers, _ = of_slopes(1.5e-3)
