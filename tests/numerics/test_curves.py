@@ -235,3 +235,28 @@ def test_a_curve_with_one_maximum_rises_over_a_thousandth_of_its_length():
     x, falls = first_maximum_before(lambda x: -x, jnp.asarray(2.0), jnp.asarray(3.0), False)
     assert falls
     assert float(x) == pytest.approx(2 + 1e-3, rel=1e-12)
+
+
+def test_the_parabola_through_three_samples_is_where_newtons_method_begins():
+    """Of a curve that is one it is the maximum itself: one look at its slope tells."""
+    looks = []
+
+    def function(x):
+        return -((x - 4.5) ** 2)
+
+    def watched(x):
+        jax.debug.callback(lambda: looks.append(1))
+        return function(x)
+
+    scan = scan_curve(function, jnp.asarray(0.0), jnp.asarray(24.0), "single")
+    x = first_maximum(watched, scan, jnp.asarray(True))
+    jax.effects_barrier()
+    assert x == 4.5
+    assert len(looks) == 1
+
+
+@pytest.mark.parametrize("look", ["cells", "single"])
+def test_a_maximum_that_is_not_wanted_is_not_sought(look):
+    powers, _ = of_slopes(0.37)
+    scan = scan_curve(curve(powers), jnp.asarray(0.0), jnp.asarray(1.0), look)
+    assert first_maximum(curve(powers), scan, jnp.asarray(False)) == scan.low < 0.37
