@@ -141,7 +141,7 @@ def first_maximum(function: Function, scan: Scan, wanted: Bool[Array, ""]) -> Sc
 
     def beyond(x):
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-        past = (slope <= 0) | ((x > scan.clearly_after) & ~(value > y_top))
+        past = (x > scan.clearly_after) & ~(value > y_top)
         return jnp.where(past, jnp.abs(slope), -slope)
 
     return bracketed_root(beyond, low, high).x

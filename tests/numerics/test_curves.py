@@ -157,6 +157,7 @@ def test_a_value_between_the_last_sample_and_the_stop_is_crossed_and_none_behind
     assert bool(found.exists) == exists
     if exists:
         assert float(found.x) == pytest.approx(target, rel=1e-15)
+        assert float(found.scale) == pytest.approx(0.01)  # of this piece of a cell
     else:
         assert found.iterations == 0  # nothing is searched for
 
@@ -260,3 +261,15 @@ def test_a_maximum_that_is_not_wanted_is_not_sought(look):
     powers, _ = of_slopes(0.37)
     scan = scan_curve(curve(powers), jnp.asarray(0.0), jnp.asarray(1.0), look)
     assert first_maximum(curve(powers), scan, jnp.asarray(False)) == scan.low < 0.37
+
+
+def test_no_derivative_passes_through_a_search():
+    powers, _ = of_slopes(0.37)
+
+    def found(start, end, target):
+        x, y = (lambda scan: (scan.x, scan.y))(scan_curve(curve(powers), start, end))
+        maxima = [first_maximum_before(curve(powers), start, end, may_dip)[0] for may_dip in (True, False)]
+        return sum(maxima) + first_crossing(curve(powers), target, x, y, end).x
+
+    for end in (0.3, 1.0):
+        assert jax.jit(jax.grad(found, argnums=(0, 1, 2)))(0.0, end, 0.01) == (0.0, 0.0, 0.0)
