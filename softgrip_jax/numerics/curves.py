@@ -188,4 +188,4 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
     swing = jnp.abs(slope_of(function)(root.x)) * jnp.maximum(jnp.abs(root.x), 1.0)
     swing = jnp.where(jnp.isfinite(swing), swing, 0.0)
-    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))
+    return Crossing(root.x, exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))

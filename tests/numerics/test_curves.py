@@ -264,12 +264,27 @@ def test_a_maximum_that_is_not_wanted_is_not_sought(look):
 
 
 def test_no_derivative_passes_through_a_search():
-    powers, _ = of_slopes(0.37)
+    powers = jnp.asarray(of_slopes(0.37)[0])
 
-    def found(start, end, target):
-        x, y = (lambda scan: (scan.x, scan.y))(scan_curve(curve(powers), start, end))
+    def found(powers, start, end, target):
+        scan = scan_curve(curve(powers), start, end)
         maxima = [first_maximum_before(curve(powers), start, end, may_dip)[0] for may_dip in (True, False)]
-        return sum(maxima) + first_crossing(curve(powers), target, x, y, end).x
+        crossing = first_crossing(curve(powers), target, scan.x, scan.y, end)
+        return sum(maxima) + crossing.x + crossing.swing
 
     for end in (0.3, 1.0):
-        assert jax.jit(jax.grad(found, argnums=(0, 1, 2)))(0.0, end, 0.01) == (0.0, 0.0, 0.0)
+        slopes = jax.jit(jax.grad(found, argnums=(0, 1, 2, 3)))(powers, 0.0, end, 0.01)
+        assert all(np.all(slope == 0) for slope in slopes)
+
+
+@pytest.mark.parametrize(("sign", "stop"), [(1, 8.0), (-1, 8.0), (1, 2.75)])
+def test_on_a_straight_line_the_crossing_is_known_beforehand(sign, stop):
+    """4 x = 10, in cells of one: one look; the curve changes by 4 a cell, and by 10 over as much as x itself."""
+    x = jnp.arange(9.0)
+    found = first_crossing(lambda x: sign * 4 * x, jnp.asarray(sign * 10.0), x, sign * 4 * x, jnp.asarray(stop))
+    assert found.exists
+    assert (float(found.x), int(found.iterations)) == (2.5, 1)
+    assert float(found.scale) == (4 if stop == 8 else 3)
+    assert float(found.swing) == 10
+    near = first_crossing(lambda x: 4 * x, jnp.asarray(2.0), x, 4 * x, jnp.asarray(stop))
+    assert float(near.swing) == 4
