@@ -107,7 +107,9 @@ def test_how_far_a_step_of_the_load_goes_does_not_matter(largest_step):
     assert (found.evaluations > 1.7 / largest_step) or largest_step > 1.7
 
 
-@pytest.mark.parametrize(("load", "largest_step", "most"), [(0.9, 1.0, 2), (0.1, 1.0, 2), (0.5, 1.0, 1), (0.1, 0.1, 12)])
+@pytest.mark.parametrize(
+    ("load", "largest_step", "most"), [(0.9, 1.0, 2), (0.1, 1.0, 2), (0.5, 1.0, 1), (0.1, 0.1, 12)]
+)
 def test_a_search_may_begin_under_load_and_lead_to_a_lower_one(load, largest_step, most):
     """The softening spring from y = 1 - sqrt(1/2) at half its largest load, with a guess that is right to 1e-4."""
 
@@ -169,9 +171,9 @@ def test_an_energy_that_is_rounded_is_still_minimised():
         return Expansion(value, y - load, jnp.eye(1), -jnp.ones(1), jnp.asarray(False))
 
     loads = jnp.linspace(1e-6, 1e-5, 50)
-    found = jax.jit(
-        jax.vmap(lambda load: minimise(noisy, jnp.zeros(1), jnp.zeros(()), 1.001 * load[None], load, 1.0))
-    )(loads)
+    found = jax.jit(jax.vmap(lambda load: minimise(noisy, jnp.zeros(1), jnp.zeros(()), 1.001 * load[None], load, 1.0)))(
+        loads
+    )
     assert np.all(found.reached)
     np.testing.assert_allclose(found.y[:, 0], loads, rtol=1e-14)
     assert np.all(found.evaluations <= 2)

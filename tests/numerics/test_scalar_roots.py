@@ -286,7 +286,9 @@ def test_a_small_step_after_a_large_one_does_not_tell_that_the_search_is_over():
 def test_newtons_method_halves_where_there_is_no_slope_and_ends_with_the_bracket():
     """A jump at 1/3: brackets of 2^-k, until 2 eps of x are left; at zero, relative to which none is small, the end."""
     jump = jax.jit(
-        lambda place, low, high: newton_bracketed(lambda x: jnp.where(x < place, -1.0, 1.0), low, high, 0.5 * (low + high))
+        lambda place, low, high: newton_bracketed(
+            lambda x: jnp.where(x < place, -1.0, 1.0), low, high, 0.5 * (low + high)
+        )
     )
     for place, low, high in ((1 / 3, 0.0, 1.0), (-1 / 3, -1.0, 0.0)):
         found = jump(place, low, high)
