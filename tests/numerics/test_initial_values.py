@@ -53,7 +53,7 @@ def test_an_error_estimate_tells_of_too_few_steps():
 
 
 def test_two_steps_of_heun_by_hand():
-    """y' = y from 2: each step of h gives y (1 + h + h^2 / 2), with y h^2 / 2 more than Euler's; one of zero gives y."""
+    """y' = y from 2: each step of h gives y (1 + h + h^2 / 2), with y h^2 / 2 more than Euler's; none by zero."""
     places = jnp.array([0.0, 0.25, 0.25, 1.0])
     found = replay(lambda s, y, _: y, {"y": jnp.asarray(2.0)}, None, places, diffrax.Heun())
     middle = 2 * (1 + 0.25 + 0.25**2 / 2)
