@@ -11,7 +11,7 @@ from softgrip_jax.numerics.small_linear import ELIMINATED, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
-@pytest.mark.parametrize("n", [2, 3, 10, ELIMINATED, ELIMINATED + 5])
+@pytest.mark.parametrize("n", [2, 3, ELIMINATED, ELIMINATED + 5])
 def test_lanes_of_linear_equations_and_the_sign_of_their_determinants(n):
     """In a batch, alone, and with a matrix for all; rows must be exchanged: some pivots are zero."""
     random = np.random.default_rng(n)
