@@ -28,8 +28,9 @@ def turned(degrees):
 
 def arrive(degrees=0.0, correction=0.0, step=1.0, side=1.0, before=1.0, flip=1.0, count=1, tangent=None, **how):
     """A point `step` along the tangent and `correction` across it, where the path has turned by some degrees."""
-    start = Point(jnp.zeros(2), jnp.asarray(TANGENT), jnp.asarray(-3.0), jnp.asarray(before))
-    guess = jnp.asarray(step * TANGENT)
+    place = jnp.array([3.0, -1.0])
+    start = Point(place, jnp.asarray(TANGENT), jnp.asarray(-3.0), jnp.asarray(before))
+    guess = place + step * TANGENT
     tangent = turned(degrees) if tangent is None else tangent
     local = Local(jnp.asarray(-2.0), flip * jnp.asarray(tangent), jnp.asarray(flip * side), jnp.array([1.0, 2.0]))
     size = jnp.asarray(0.1)
