@@ -109,14 +109,14 @@ def test_moves_that_hardly_shrink_are_not_followed():
     assert not good
 
 
-@pytest.mark.parametrize("size", [1.0, 1e6])
+@pytest.mark.parametrize("size", [1.0, 1e6, -1e6])
 def test_moves_end_below_their_bounds_which_are_relative(size):
     """By 0.1 each from u = 2 size, the k-th move is 0.9 size / 10^(k-1), of 1 + size or so."""
     found, (_, u, good) = straight(0.9, size, 2 * size)
     assert good
-    last = 0.9 * size / (1 + size)
-    assert found.count == 1 + np.ceil(np.log10(last / NEAR))
-    assert 1e-12 < abs(float(u[0]) / size - 1) < 2e-10
+    last = 0.9 * abs(size) / (1 + abs(size))
+    assert found.count == 1 + np.ceil(np.log10(last / 1e-7))
+    assert 5e-11 < abs(float(u[0]) / size - 1) < 2e-10
     assert found.good
     assert float(found.observed[0]) == pytest.approx(3 * size, rel=1e-15)
 
