@@ -147,6 +147,17 @@ def test_branch_goes_through_the_limit():
     np.testing.assert_allclose(pressure[1:], ref.free(theta, design("neo"))[0], rtol=1e-9)
 
 
+def relative_limit(change, scene, scale):
+    """The limit pressure by relative changes of all numbers of a scene. These come as arguments: scenes of one kind,
+    with other numbers, are one program."""
+    leaves, rebuild = ravel_pytree(scene)
+    return sg.limit_pressure(rebuild(leaves * (1 + change))) / scale
+
+
+both_modes = jax.jit(lambda *args: (jax.grad(relative_limit)(*args), jax.jacfwd(relative_limit)(*args)))
+many_limits = jax.jit(jax.vmap(relative_limit, (0, None, None)))
+
+
 @pytest.mark.parametrize("case", ["maximum", "used up", "covered"])
 def test_limit_pressure_can_be_differentiated(case):
     """At a maximum and at both ends of the model: forward = reverse = finite differences."""
@@ -155,18 +166,12 @@ def test_limit_pressure_can_be_differentiated(case):
         "used up": lambda: sg.shell.CylinderContact(shell("neo", b=20 * mm), radius=40 * mm, gap=2 * mm),
         "covered": lambda: sg.shell.CylinderContact(shell("neo", a=10 * mm, b=90 * mm), radius=60 * mm, gap=0.5 * mm),
     }[case]()
-    leaves, rebuild = ravel_pytree(scene)
-    scale = float(sg.limit_pressure(scene))
-
-    def limit(change):
-        return sg.limit_pressure(rebuild(leaves * (1 + change))) / scale
-
-    zero = jnp.zeros_like(leaves)
-    reverse, forward = jax.jit(lambda x: (jax.grad(limit)(x), jax.jacfwd(limit)(x)))(zero)
+    n, scale = ravel_pytree(scene)[0].size, float(sg.limit_pressure(scene))
+    reverse, forward = both_modes(jnp.zeros(n), scene, scale)
     np.testing.assert_allclose(forward, reverse, rtol=1e-12, atol=1e-13)
     h = 1e-4
-    points = np.concatenate([k * h * np.eye(leaves.size) for k in (-2, -1, 1, 2)])
-    values = np.asarray(jax.jit(jax.vmap(limit))(jnp.asarray(points))).reshape(4, -1)
+    points = np.concatenate([k * h * np.eye(n) for k in (-2, -1, 1, 2)])
+    values = np.asarray(many_limits(jnp.asarray(points), scene, scale)).reshape(4, -1)
     np.testing.assert_allclose(reverse, np.array([1, -8, 8, -1]) @ values / (12 * h), rtol=1e-8, atol=1e-9)
     assert set(MATERIALS) == set(REFERENCE)
 

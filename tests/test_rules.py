@@ -79,7 +79,9 @@ def test_a_broken_part_is_impossible_in_words_and_may_be_ignored(scene, rule):
     np.testing.assert_allclose(solution.detail / mm, margin, rtol=1e-12)
     assert np.isnan(solution.end_moment)
     assert np.isnan(sg.limit_pressure(broken))
-    ignoring = sg.solve(dataclasses.replace(broken, ignored_rules=(rule,)), 15 * kPa)
+    # Each choice of rules is a program of its own: one by one they are ignored in the cheapest scene alone.
+    ignored = (rule,) if scene == "linear" else tuple(BROKEN_PARTS)
+    ignoring = sg.solve(dataclasses.replace(broken, ignored_rules=ignored), 15 * kPa)
     assert (int(ignoring.status), int(ignoring.reason)) == (OK, 0)
     assert ignoring.end_moment > 0
     np.testing.assert_allclose(ignoring.margins[rule], solution.margins[rule], rtol=1e-15)

@@ -12,57 +12,10 @@ from jax.flatten_util import ravel_pytree
 
 import softgrip_jax as sg
 from softgrip_jax import config
-from softgrip_jax.numerics.shooting import Tolerance, end_of, replay, steps_of
 from softgrip_jax.pneunet import Collocation, Shooting
 from softgrip_jax.units import gram, kPa, mm
 
 OK, BEYOND = sg.Status.OK, sg.Status.BEYOND_LIMIT
-
-
-# --- initial-value problems -------------------------------------------------------------------------------------------
-
-
-def growth(s, y, rate):
-    """y' = rate s y: y(1) = y(0) exp(rate / 2)."""
-    return rate * s * y
-
-
-@pytest.mark.parametrize("solver", [diffrax.Dopri8(), diffrax.Tsit5()], ids=lambda s: type(s).__name__)
-@pytest.mark.parametrize("equal", [None, 20])
-def test_initial_value_problem_has_derivatives_of_any_order(solver, equal):
-    how = Tolerance(solver, 1e-11, 1e-11, 64, equal)
-
-    def end(rate):
-        return replay(growth, jnp.asarray([2.0]), rate, steps_of(growth, jnp.asarray([2.0]), rate, how), solver).end[0]
-
-    rate = jnp.asarray(1.3)
-    true = 2 * np.exp(0.65)
-    both = jax.jit(lambda r: (end(r), jax.grad(end)(r), jax.jvp(end, (r,), (jnp.ones(()),))[1]))(rate)
-    np.testing.assert_allclose(both, [true, true / 2, true / 2], rtol=1e-8)
-    orders = jax.jit(lambda r: (jax.jacfwd(jax.grad(end))(r), jax.grad(jax.jacfwd(end))(r)))(rate)
-    np.testing.assert_allclose(orders, true / 4, rtol=1e-8)
-    once = jax.jit(lambda r: jax.jvp(lambda r: end_of(growth, jnp.asarray([2.0]), r, how)[0], (r,), (jnp.ones(()),)))
-    np.testing.assert_allclose(once(rate), both[:2], rtol=1e-9)
-
-
-def test_steps_that_do_not_arrive_are_not_a_number():
-    how = Tolerance(diffrax.Dopri8(), 1e-12, 1e-12, 3)
-
-    def steep(s, y, _):
-        return 400 * jnp.cos(400 * s) * y
-
-    start = jnp.asarray([1.0])
-    assert np.all(np.isnan(steps_of(steep, start, None, how)))
-    assert np.all(np.isnan(end_of(steep, start, None, how)))
-
-
-def test_an_error_estimate_tells_of_too_few_steps():
-    errors = [
-        float(replay(growth, jnp.asarray([2.0]), jnp.asarray(9.0), jnp.linspace(0, 1, n + 1), diffrax.Tsit5()).error)
-        for n in (2, 32)
-    ]
-    assert errors[0] > 1
-    assert errors[1] < 1e-3  # of 180
 
 
 # --- fingers ----------------------------------------------------------------------------------------------------------

@@ -60,7 +60,7 @@ class Mesh:
             none.
 
     Examples:
-        >>> sol = sg.solve(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")), 31 * kPa)
+        >>> sol = sg.solve(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8), 31 * kPa)
         >>> mesh = sol.mesh()
         >>> len(mesh.names), mesh.points.shape[1]  # the cover and 13 chambers
         (14, 3)

@@ -141,7 +141,7 @@ def first_maximum(function: Function, scan: Scan, wanted: Bool[Array, ""]) -> Sc
 
     def beyond(x):
         value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
-        past = (slope <= 0) | ((x > scan.clearly_after) & ~(value > y_top))
+        past = (x > scan.clearly_after) & ~(value > y_top)
         return jnp.where(past, jnp.abs(slope), -slope)
 
     return bracketed_root(beyond, low, high).x
@@ -188,4 +188,4 @@ def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, s
     root = newton_bracketed(lambda z: sign * (function(z) - target), x[low], high, guess)
     swing = jnp.abs(slope_of(function)(root.x)) * jnp.maximum(jnp.abs(root.x), 1.0)
     swing = jnp.where(jnp.isfinite(swing), swing, 0.0)
-    return Crossing(lax.stop_gradient(root.x), exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))
+    return Crossing(root.x, exists, root.iterations, jnp.abs(rise), lax.stop_gradient(swing))

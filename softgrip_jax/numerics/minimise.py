@@ -143,7 +143,6 @@ def minimise(
             move=step * slope,
             part=one,
             energy=unknown,
-            promise=zero,
             load=jnp.where(last, load, kept_load + step),
             trials=none,
         )

@@ -67,7 +67,7 @@ def bracketed_root(
         smooth = (phi**2 < xi) & ((1 - phi) ** 2 < 1 - xi)
         inverse = fx / (fy - fx) * fz / (fy - fz) + (z - x) / (y - x) * fx / (fz - fx) * fy / (fz - fy)
         least = tolerance(x) / jnp.abs(y - x)
-        part = jnp.clip(jnp.where(smooth & jnp.isfinite(inverse), inverse, 0.5), least, 1 - least)
+        part = jnp.clip(jnp.where(smooth, inverse, 0.5), least, 1 - least)
         closer = jnp.isnan(f_best) | (jnp.abs(f) < jnp.abs(f_best))
         best, f_best = jnp.where(closer, new, best), jnp.where(closer, f, f_best)
         return x, y, z, fx, fy, fz, above, part, best, f_best, count + 1

@@ -88,6 +88,21 @@ def test_one_maximum_is_found_from_a_few_samples(turn):
         assert float(x) == pytest.approx(turn, rel=1e-12)
 
 
+@pytest.mark.parametrize("look", ["cells", "dips"])
+@pytest.mark.parametrize("turn", [0.3 / 48, 1.5 / 48, 47.6 / 48])
+def test_a_maximum_in_the_first_or_last_cells(turn, look):
+    powers, _ = of_slopes(turn)
+    x, scan = peak_of(powers, 1.0, look)
+    # The last sample is higher than the one before: that the curve falls at the end, slopes tell.
+    assert scan.falls == (turn < 0.9 or look == "dips")
+    if scan.falls:
+        assert float(x) == pytest.approx(turn, rel=1e-12)
+    x, falls = peak_before(powers, 1.0, True)
+    assert falls == (turn > 1 / 48)  # a curve is taken to rise over its first cell
+    if falls:
+        assert float(x) == pytest.approx(turn, rel=1e-12)
+
+
 def test_a_curve_that_rises_to_its_end_has_no_maximum_there():
     powers, _ = of_slopes(1.3)
     for look in ("cells", "dips", "single"):
@@ -142,5 +157,134 @@ def test_a_value_between_the_last_sample_and_the_stop_is_crossed_and_none_behind
     assert bool(found.exists) == exists
     if exists:
         assert float(found.x) == pytest.approx(target, rel=1e-15)
+        assert float(found.scale) == pytest.approx(0.01)  # of this piece of a cell
     else:
         assert found.iterations == 0  # nothing is searched for
+
+
+def test_what_a_scan_says_of_a_parabola():
+    """Its top is at 0.3, between the samples 14 and 15 of 48, and between 3 and 4 of 12."""
+    start, end = 5.0, 7.0  # a curve may count from anywhere
+    for look, cells, last in (("cells", 48, 14), ("dips", 48, 14), ("single", 12, 4)):
+        scan = scan_curve(lambda x: -(((x - start) / 2 - 0.3) ** 2), jnp.asarray(start), jnp.asarray(end), look)
+        np.testing.assert_allclose(scan.x, np.linspace(start, end, cells + 1), rtol=1e-15)
+        np.testing.assert_allclose(scan.y, -(((scan.x - start) / 2 - 0.3) ** 2), atol=1e-15)
+        assert (int(scan.last), int(scan.sure), bool(scan.falls), scan.single) == (last, last, True, look == "single")
+        assert (float(scan.low), float(scan.high)) == (scan.x[last - 1], scan.x[last + 1])
+        assert scan.x[last] < scan.clearly_after < scan.x[last] + 0.002 * 2 / cells
+    rising = scan_curve(lambda x: x, jnp.asarray(start), jnp.asarray(end))
+    assert (int(rising.last), int(rising.sure), bool(rising.falls)) == (48, 48, False)
+
+
+@pytest.mark.parametrize("look", ["cells", "dips", "single"])
+def test_a_curve_may_begin_anywhere(look):
+    powers, _ = of_slopes(0.37)
+    start = jnp.asarray(-3.0)
+    scan = scan_curve(lambda x: curve(powers)(x - start), start, start + 1.0, look)
+    x = first_maximum(lambda x: curve(powers)(x - start), scan, scan.falls)
+    assert float(x) == pytest.approx(-3 + 0.37, rel=1e-12)
+    for may_dip in (True, False):
+        x, falls = first_maximum_before(lambda x: curve(powers)(x - start), start, start + 1.0, may_dip)
+        assert falls
+        assert float(x) == pytest.approx(-3 + 0.37, rel=1e-12)
+        x, falls = first_maximum_before(lambda x: curve(powers)(x - start), start, start + 0.3, may_dip)
+        assert (float(x), bool(falls)) == (float(start + 0.3), False)
+
+
+@pytest.mark.parametrize("power", [0, 3])
+def test_dips_down_to_the_140th_part_of_a_cell_are_seen_wherever_they_are(power):
+    """And what a scan says of them: the rising piece before, a place inside, and the samples that are surely before.
+
+    A curve that begins with the fourth power of x rises least in its first cell, which is no dip.
+    """
+
+    places = np.linspace(0.07, 0.93, 300)
+    width = 1 / 140 / 48
+
+    @jax.jit
+    @jax.vmap
+    def scans(place):
+        def function(x):
+            parts = x**2 / (power + 3), -(2 * place + width) * x / (power + 2), place * (place + width) / (power + 1)
+            return x ** (power + 1) * sum(parts)
+
+        return scan_curve(function, jnp.asarray(0.0), jnp.asarray(1.0), "dips")
+
+    scan = scans(places)
+    assert np.all(scan.falls)
+    assert np.all((scan.high >= places) & (scan.high <= places + width))
+    np.testing.assert_array_equal(scan.clearly_after, scan.high)
+    cell = np.floor(places * 48)
+    assert np.all(scan.low < places)
+    assert np.all(scan.low >= (cell - 2) / 48 - 1e-12)
+    assert np.all((scan.sure <= cell) & (scan.sure >= cell - 2))
+
+
+def test_a_slope_that_is_not_a_number_at_the_start_hides_no_dip():
+    """x^(3/2) as x sqrt(x) has none at zero, and the dip is in the second cell."""
+    powers, _ = of_slopes(1.2 / 48, 1.25 / 48)
+    scan = scan_curve(lambda x: curve(powers)(x) + 1e-9 * x * jnp.sqrt(x), jnp.asarray(0.0), jnp.asarray(1.0), "dips")
+    assert 1.2 / 48 <= scan.high <= 1.25 / 48
+
+
+def test_a_curve_with_one_maximum_rises_over_a_thousandth_of_its_length():
+    """From there on it is looked for: a maximum just behind is found, and a curve that only falls ends there."""
+    powers, _ = of_slopes(1.5e-3)
+    x, falls = peak_before(powers, 1.0, False)
+    assert falls
+    assert float(x) == pytest.approx(1.5e-3, rel=1e-9)
+    x, falls = first_maximum_before(lambda x: -x, jnp.asarray(2.0), jnp.asarray(3.0), False)
+    assert falls
+    assert float(x) == pytest.approx(2 + 1e-3, rel=1e-12)
+
+
+def test_the_parabola_through_three_samples_is_where_newtons_method_begins():
+    """Of a curve that is one it is the maximum itself: one look at its slope tells."""
+    looks = []
+
+    def function(x):
+        return -((x - 4.5) ** 2)
+
+    def watched(x):
+        jax.debug.callback(lambda: looks.append(1))
+        return function(x)
+
+    scan = scan_curve(function, jnp.asarray(0.0), jnp.asarray(24.0), "single")
+    x = first_maximum(watched, scan, jnp.asarray(True))
+    jax.effects_barrier()
+    assert x == 4.5
+    assert len(looks) == 1
+
+
+@pytest.mark.parametrize("look", ["cells", "single"])
+def test_a_maximum_that_is_not_wanted_is_not_sought(look):
+    powers, _ = of_slopes(0.37)
+    scan = scan_curve(curve(powers), jnp.asarray(0.0), jnp.asarray(1.0), look)
+    assert first_maximum(curve(powers), scan, jnp.asarray(False)) == scan.low < 0.37
+
+
+def test_no_derivative_passes_through_a_search():
+    powers = jnp.asarray(of_slopes(0.37)[0])
+
+    def found(powers, start, end, target):
+        scan = scan_curve(curve(powers), start, end)
+        maxima = [first_maximum_before(curve(powers), start, end, may_dip)[0] for may_dip in (True, False)]
+        crossing = first_crossing(curve(powers), target, scan.x, scan.y, end)
+        return sum(maxima) + crossing.x + crossing.swing
+
+    for end in (0.3, 1.0):
+        slopes = jax.jit(jax.grad(found, argnums=(0, 1, 2, 3)))(powers, 0.0, end, 0.01)
+        assert all(np.all(slope == 0) for slope in slopes)
+
+
+@pytest.mark.parametrize(("sign", "stop"), [(1, 8.0), (-1, 8.0), (1, 2.75)])
+def test_on_a_straight_line_the_crossing_is_known_beforehand(sign, stop):
+    """4 x = 10, in cells of one: one look; the curve changes by 4 a cell, and by 10 over as much as x itself."""
+    x = jnp.arange(9.0)
+    found = first_crossing(lambda x: sign * 4 * x, jnp.asarray(sign * 10.0), x, sign * 4 * x, jnp.asarray(stop))
+    assert found.exists
+    assert (float(found.x), int(found.iterations)) == (2.5, 1)
+    assert float(found.scale) == (4 if stop == 8 else 3)
+    assert float(found.swing) == 10
+    near = first_crossing(lambda x: 4 * x, jnp.asarray(2.0), x, 4 * x, jnp.asarray(stop))
+    assert float(near.swing) == 4

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from softgrip_jax.numerics.minimise import Expansion, minimise
+from softgrip_jax.numerics.minimise import FINEST, Expansion, minimise
 
 RANDOM = settings(max_examples=40, deadline=None, derandomize=True)
 
@@ -53,7 +53,7 @@ def softening(*powers, load, largest_step=10.0):
     return _softening(padded, jnp.asarray(load, float), largest_step)
 
 
-@pytest.mark.parametrize(("load", "most"), [(1e-6, 4), (0.3, 8), (0.9, 14), (0.999, 30), (0.9999999, 120), (-2.0, 12)])
+@pytest.mark.parametrize(("load", "most"), [(1e-6, 1), (0.3, 3), (0.9, 5), (0.999, 8), (0.9999999, 14), (-2.0, 4)])
 def test_a_softening_spring_up_to_its_largest_load(load, most):
     """y^2 - y^3 / 3: the load 2 y - y^2 is largest, 1, at y = 1."""
     found = softening(1.0, -1 / 3, load=load)
@@ -70,9 +70,9 @@ def test_beyond_the_largest_load_nothing_is_found_and_that_load_is_known(load):
     found = softening(1.0, -1 / 3, load=load)
     assert found.lost
     assert not found.reached
-    assert 1 - 1e-4 < float(found.load) <= 1
+    assert 1 - 2 * FINEST * load < float(found.load) <= 1
     assert float(found.y[0]) == pytest.approx(1 - np.sqrt(1 - float(found.load)), rel=1e-10)
-    assert found.evaluations < 500
+    assert found.evaluations < 450
 
 
 @pytest.mark.parametrize("load", [0.5, 0.7, 3.0, 10.0])
@@ -83,9 +83,18 @@ def test_a_minimum_that_lies_behind_a_largest_load_is_not_leapt_to(load):
     behind = np.roots([1 / 3, -9 / 4, 2, -load])
     assert np.any((abs(behind.imag) < 1e-9) & (behind.real > 4))  # there is one
     assert found.lost
-    assert highest - 1e-3 < float(found.load) <= highest
+    assert highest - 1e-6 < float(found.load) <= highest
     assert float(found.y[0]) < 0.5
+    assert found.evaluations < 410
     assert softening(1.0, -3 / 4, 1 / 12, load=0.4).reached
+
+
+def test_a_minimum_somewhat_larger_than_the_guess_is_no_leap():
+    """y^2 - y^3 / 9 to 97 % of its largest load, 3: at y = 2.45, where the guess is 1.45."""
+    found = softening(1.0, -1 / 9, load=2.9)
+    assert found.reached
+    assert float(found.y[0]) == pytest.approx(3 - np.sqrt(0.3), rel=1e-14)
+    assert found.evaluations <= 6
 
 
 @pytest.mark.parametrize("largest_step", [0.05, 0.2, 10.0])
@@ -96,6 +105,28 @@ def test_how_far_a_step_of_the_load_goes_does_not_matter(largest_step):
     assert found.reached
     assert float(found.y[0]) == pytest.approx(real[abs(real.imag) < 1e-12].real[0], rel=1e-15)
     assert (found.evaluations > 1.7 / largest_step) or largest_step > 1.7
+
+
+@pytest.mark.parametrize(
+    ("load", "largest_step", "most"), [(0.9, 1.0, 2), (0.1, 1.0, 2), (0.5, 1.0, 1), (0.1, 0.1, 12)]
+)
+def test_a_search_may_begin_under_load_and_lead_to_a_lower_one(load, largest_step, most):
+    """The softening spring from y = 1 - sqrt(1/2) at half its largest load, with a guess that is right to 1e-4."""
+
+    @jax.jit
+    def moved(start, load, guess, largest_step):
+        def energy(y, load):
+            return y[0] ** 2 - y[0] ** 3 / 3 - load * y[0]
+
+        return minimise(expansion_of(energy), start[None], jnp.asarray(0.5), guess[None], load, largest_step)
+
+    there = 1 - np.sqrt(1 - load)
+    found = moved(1 - np.sqrt(0.5), load, there + 1e-4, largest_step)
+    assert found.reached
+    assert float(found.load) == load
+    assert float(found.y[0]) == pytest.approx(there, rel=1e-14)
+    assert found.evaluations <= most + 1
+    assert found.evaluations >= abs(load - 0.5) / largest_step
 
 
 @pytest.mark.parametrize("guess", [1.4, -1.4, 1.9, -1.9, 2.5, -2.5])
@@ -115,7 +146,8 @@ def test_newtons_method_does_not_run_away_from_a_poor_guess(guess):
     assert found.evaluations <= 12
 
 
-def test_a_step_that_hardly_lowers_the_energy_is_cut():
+@pytest.mark.parametrize("e", [1e-5, 1e-7])
+def test_a_step_that_hardly_lowers_the_energy_is_cut(e):
     """From y = 1 - e Newton's method for sqrt(1 + y^2) leads to -(1 - 3 e), lower by nothing to speak of, and so on."""
 
     @jax.jit
@@ -125,10 +157,26 @@ def test_a_step_that_hardly_lowers_the_energy_is_cut():
 
         return minimise(expansion_of(energy), jnp.zeros(1), jnp.zeros(()), guess[None], jnp.asarray(1e-9), 1.0)
 
-    found = softer(jnp.asarray(1 - 1e-7))
+    found = softer(jnp.asarray(1 - e))
     assert found.reached
     assert float(found.y[0]) == pytest.approx(1e-9, rel=1e-6)
     assert found.evaluations <= 12
+
+
+def test_an_energy_that_is_rounded_is_still_minimised():
+    """y^2 / 2 - load y beside a large energy, whose last bits rise and fall: steps that raise these are taken."""
+
+    def noisy(y, load):
+        value = 1e3 * (1 + 5e-14 * jnp.sin(1e12 * y[0])) + y[0] ** 2 / 2 - load * y[0]
+        return Expansion(value, y - load, jnp.eye(1), -jnp.ones(1), jnp.asarray(False))
+
+    loads = jnp.linspace(1e-6, 1e-5, 50)
+    found = jax.jit(jax.vmap(lambda load: minimise(noisy, jnp.zeros(1), jnp.zeros(()), 1.001 * load[None], load, 1.0)))(
+        loads
+    )
+    assert np.all(found.reached)
+    np.testing.assert_allclose(found.y[:, 0], loads, rtol=1e-14)
+    assert np.all(found.evaluations <= 2)
 
 
 def spring_curve(powers, load):
@@ -324,22 +372,37 @@ def test_contact_may_bend_into_shapes_that_the_guess_does_not_know():
         rtol=1e-8,
     )
     assert found.y[0] == pytest.approx(1.99 / 0.6, rel=1e-5)
-    assert found.evaluations <= 8
+    assert found.evaluations <= 3
 
 
-FAR = [(11, 0.3038, 2.785), (35, 1.252, 2.874), (55, 0.5993, 1.563)]
-"""Programs of `random_program` by their seed, with a factor of the stiffness and the load."""
+FAR = [(1854, 8.623e5, 2.01927, 69), (369, 1.5024e5, 0.76869, 45), (3106, 4.8387e4, 2.97886, 45)]
+"""Programs of `random_program` by their seed, with a factor of the stiffness and the load; and what they take."""
 
 
-@pytest.mark.parametrize(("seed", "stiffer", "load"), FAR)
-def test_where_a_guess_is_far_off_the_load_comes_in_parts(seed, stiffer, load):
-    """Programs whose minimum is far from the first guess: a load step that fails says nothing of a largest load."""
+@pytest.mark.parametrize(("seed", "stiffer", "load", "most"), FAR)
+def test_where_a_guess_is_far_off_the_load_comes_in_parts(seed, stiffer, load, most):
+    """Layers that press in turn: a load step that fails says nothing of a largest load."""
     hessian, pull, slopes, offsets, stiffness = random_program(seed)
-    y, _ = layered_program(hessian, load * pull, slopes, offsets, 1e3 * stiffer * stiffness)
-    found = _pressed(hessian, pull, slopes, offsets, 1e3 * stiffer * stiffness, load)
+    y, _ = layered_program(hessian, load * pull, slopes, offsets, stiffer * stiffness)
+    found = _pressed(hessian, pull, slopes, offsets, stiffer * stiffness, load)
     assert found.reached
-    assert found.evaluations <= 65
+    assert 0.8 * most <= found.evaluations <= most + 2
     np.testing.assert_allclose(found.y, y, atol=1e-11)
+
+
+def test_most_programs_take_few_evaluations():
+    """Four hundred of them, layers a tenth to a million times as stiff as what they hold, and loads far beyond."""
+    random = np.random.default_rng(0)
+    programs = [random_program(seed) for seed in range(400)]
+    hessian, pull, slopes, offsets, stiffness = (np.array(part) for part in zip(*programs, strict=True))
+    stiffness, load = stiffness * 10 ** random.uniform(-1, 6, (400, 1)), random.uniform(0.5, 3, 400)
+    found = jax.jit(jax.vmap(_pressed))(hessian, pull, slopes, offsets, stiffness, load)
+    assert np.all(found.reached)
+    assert np.median(found.evaluations) <= 2
+    assert np.percentile(found.evaluations, 99) <= 12
+    for k in range(400):
+        y, _ = layered_program(hessian[k], load[k] * pull[k], slopes[k], offsets[k], stiffness[k])
+        np.testing.assert_allclose(found.y[k], y, atol=1e-10)
 
 
 def test_where_the_first_step_meets_no_stiffness_the_load_is_cut_at_once():

@@ -6,9 +6,6 @@ import pytest
 
 from softgrip_jax.numerics.continuation.newton import (
     FINE,
-    LEAST_BEND,
-    ROUNDED,
-    SETTLED,
     Local,
     Newton,
     goes_on,
@@ -28,8 +25,9 @@ def turned(degrees):
 
 def arrive(degrees=0.0, correction=0.0, step=1.0, side=1.0, before=1.0, flip=1.0, count=1, tangent=None, **how):
     """A point `step` along the tangent and `correction` across it, where the path has turned by some degrees."""
-    start = Point(jnp.zeros(2), jnp.asarray(TANGENT), jnp.asarray(-3.0), jnp.asarray(before))
-    guess = jnp.asarray(step * TANGENT)
+    place = jnp.array([3.0, -1.0])
+    start = Point(place, jnp.asarray(TANGENT), jnp.asarray(-3.0), jnp.asarray(before))
+    guess = place + step * TANGENT
     tangent = turned(degrees) if tangent is None else tangent
     local = Local(jnp.asarray(-2.0), flip * jnp.asarray(tangent), jnp.asarray(flip * side), jnp.array([1.0, 2.0]))
     size = jnp.asarray(0.1)
@@ -127,7 +125,7 @@ def moves(before_last, last, count=2, u=1.0):
         (1e-2, 1e-3, 1e-5),  # a tenth each, of the square of the ratio
         (1e-3, 1e-2, 1e-2),  # never more than the last
         (np.inf, 0.5, 0.5),  # one move tells nothing
-        (1e-1, 1e-7, LEAST_BEND * 1e-14),  # what bends is at least LEAST_BEND
+        (1e-1, 1e-7, 1e-16),  # what bends is at least LEAST_BEND, a hundredth
     ],
 )
 def test_the_next_move_by_the_last_two(before_last, last, expected):
@@ -140,8 +138,8 @@ def test_an_iteration_goes_on_while_its_moves_contract():
     assert not goes_on(moves(1.0, 0.69, count=8), 8, FINE)
     assert not goes_on(moves(1.0, 0.1, u=np.nan), 8, FINE)
     # Near rounding they need not.
-    assert goes_on(moves(0.5 * SETTLED, 0.9 * SETTLED), 8, FINE)
-    assert not goes_on(moves(2 * SETTLED, 1.9 * SETTLED), 8, FINE)
+    assert goes_on(moves(0.5e-8, 0.9e-8), 8, FINE)
+    assert not goes_on(moves(2e-8, 1.9e-8), 8, FINE)
     # Two moves of zero are an end, though their ratio is not a number; so is one small move after a large one.
     assert not goes_on(moves(0.0, 0.0), 8, FINE)
     assert not goes_on(moves(np.inf, 1e-17), 8, FINE)
@@ -149,7 +147,8 @@ def test_an_iteration_goes_on_while_its_moves_contract():
 
 def test_what_counts_as_converged():
     assert has_converged(moves(np.inf, 1e-17), FINE)
-    assert has_converged(moves(0.9 * ROUNDED, 0.9 * ROUNDED), FINE)  # rounding, of one size from the first move on
+    assert has_converged(moves(0.9e-13, 0.9e-13), FINE)  # rounding, of one size from the first move on
+    assert not has_converged(moves(2e-13, 2e-13), FINE)
     assert has_converged(moves(1e-2, 5e-8), FINE)
     assert not has_converged(moves(1e-5, 1e-6), FINE)
     assert not has_converged(moves(np.inf, 1e-6), FINE)

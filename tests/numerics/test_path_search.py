@@ -111,7 +111,7 @@ def test_while_a_point_is_found_better_no_step_is_made():
 
 
 def test_where_the_load_has_turned_a_limit_point_is_sought_and_where_the_goal_is_passed_the_goal():
-    falls, beyond = point((1.0, 0.1), (0.8, -0.6), 2.0), point((0.3, 0.4), (0.8, 0.6), 3.0)
+    falls, beyond = point((1.0, 0.1), (0.8, -0.6), 2.0), point((0.3, 0.4), (0.8, 0.6), 0.25)
     _, fold = step(falls, low=0.3, rise_low=0.2)
     assert int(fold.mode) == TO_FOLD  # though the goal is passed, too
     assert [float(v) for v in (fold.low, fold.high, fold.stride)] == [0, 0.5, 0.5]
@@ -120,7 +120,7 @@ def test_where_the_load_has_turned_a_limit_point_is_sought_and_where_the_goal_is
     np.testing.assert_array_equal(fold.far, falls.u)
     _, goal = step(beyond)
     assert int(goal.mode) == TO_GOAL
-    assert (float(goal.length), float(goal.high)) == (pytest.approx(0.5 * 1 / 4), 0.5)
+    assert (float(goal.length), float(goal.high)) == (pytest.approx(0.5 * 1 / 1.25), 0.5)
     assert int(step(point((0.3, 0.4), (1.0, 0.0), -1.0))[1].mode) == TO_FOLD
 
 

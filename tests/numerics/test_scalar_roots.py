@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize.elementwise import find_root
 
 from softgrip_jax.numerics.choice import select
 from softgrip_jax.numerics.scalar_roots import MAX_BRACKET_STEPS, bracketed_root, newton_bracketed
@@ -102,6 +103,8 @@ def test_newtons_method_takes_few_steps_from_a_good_guess_and_none_in_an_empty_b
     # A guess outside is not tried, be it another root.
     low, high, outside = (jnp.asarray(x) for x in (0.0, 3.0, -1.0))
     assert float(newton_bracketed(lambda x: x**2 - 1, low, high, outside).x) == pytest.approx(1, rel=2 * EPS)
+    beyond = newton_bracketed(lambda x: (x - 1) * (5 - x), low, high, jnp.asarray(5.0))
+    assert float(beyond.x) == pytest.approx(1, rel=2 * EPS)
     empty = newton(2, 0.7, 0.4, 0.4, 0.4)
     assert (float(empty.x), int(empty.iterations)) == (0.4, 0)
 
@@ -116,6 +119,16 @@ def test_a_short_first_move_does_not_tell_that_the_search_is_over():
     found = newton_bracketed(off_target, jnp.asarray(0.5), jnp.asarray(1.0 + 5e-7), jnp.asarray(1.0 + 1e-8))
     assert abs(float(found.x) - 1) < 1e-15
     assert float(found.iterations) > 2
+
+
+def test_nor_does_one_that_follows_a_halving():
+    """As above, and level from 6/5 on: the first step leads far away, and half the bracket to 1e-8 from the root."""
+
+    def off_target(x):
+        return jnp.where(x > 1.2, 1e6 + 1e-6 * x, 1 / (1.0 + 1e-6 - x) - 1e6)
+
+    found = newton_bracketed(off_target, jnp.asarray(0.5), jnp.asarray(2.0), jnp.asarray(1.5 + 2e-8))
+    assert abs(float(found.x) - 1) < 1e-15
 
 
 def test_no_derivative_passes_through_a_search():
@@ -160,3 +173,125 @@ def test_where_newtons_steps_shrink_slowly_the_bracket_is_halved_to_the_end():
     found = newton_bracketed(lambda x: (x - 0.3) ** 5, low, high, guess)
     assert float(found.x) == pytest.approx(0.3, rel=1e-12)
     assert found.iterations < 100
+
+
+@pytest.mark.parametrize("which", [2, 3, 4, 5, 6])
+def test_a_bracket_takes_as_few_evaluations_as_in_scipy(which):
+    """SciPy's method of Chandrupatla counts the two ends, which are not evaluated here."""
+    random = np.random.default_rng(0)
+    root = random.uniform(-2, 2, 300)
+    low, high = root - random.uniform(1e-3, 1.9, 300), root + random.uniform(1e-3, 1.9, 300)
+    ours = jax.jit(jax.vmap(lambda *args: bracketed_root(lambda x: FUNCTIONS[which](x, args[0]), *args[1:])))(
+        root, low, high
+    )
+    exact = {"xatol": 0, "xrtol": 2 * EPS, "fatol": 0, "frtol": 0}
+    theirs = find_root(
+        lambda x, root: np.asarray(FUNCTIONS[which](x, root)), (low, high), args=(root,), tolerances=exact
+    )
+    assert np.mean(ours.iterations) <= np.mean(theirs.nfev)
+    assert np.max(ours.iterations) <= np.max(theirs.nfev) + 2
+
+
+@pytest.mark.parametrize(("below", "above"), [(1.0, 1e-9), (1e-9, 1.0)])
+def test_of_the_last_two_points_the_one_with_the_smaller_residual_is_the_root(below, above):
+    """x^2 - 2, many times as steep on one side of sqrt(2), which is no double."""
+
+    def kinked(x):
+        return (x * x - 2) * jnp.where(x * x > 2, above, below)
+
+    low, high = jnp.linspace(0, 1.3, 40), jnp.linspace(3, 1.5, 40)
+    found = jax.jit(jax.vmap(lambda low, high: bracketed_root(kinked, low, high)))(low, high).x
+    assert np.all((found**2 > 2) == (above < below))
+    np.testing.assert_allclose(found, np.sqrt(2), rtol=2 * EPS)
+
+
+def test_a_root_that_is_met_ends_a_search():
+    low, high = jnp.asarray(0.0), jnp.asarray(1.0)
+    found = bracketed_root(lambda x: x - 0.5, low, high)
+    assert (float(found.x), int(found.iterations)) == (0.5, 1)
+    for sign in (1.0, -1.0):  # a guess that is off by the last bit alone
+        ends = (low + 0.25, high) if sign > 0 else (-high, low - 0.25)
+        guess = sign * jnp.nextafter(jnp.asarray(0.5), 1.0)
+        found = newton_bracketed(lambda x, sign=sign: x - sign * 0.5, *ends, guess)
+        assert (float(found.x), int(found.iterations)) == (sign * 0.5, 1)
+    # Instead of a guess outside the middle is tried.
+    found = newton_bracketed(lambda x: x - 0.5, low + 0.25, high - 0.25, jnp.asarray(7.0))
+    assert (float(found.x), int(found.iterations)) == (0.5, 1)
+
+
+def test_a_bracket_around_zero_is_halved_a_hundred_times_at_most():
+    """Relative to zero no bracket is small."""
+    found = jax.jit(lambda low, high: bracketed_root(lambda x: jnp.where(x < 0, -1.0, 1.0), low, high))(-1.0, 2.0)
+    assert found.iterations == 100
+    assert abs(found.x) <= 2
+
+
+@pytest.mark.parametrize("method", ["bracketed", "newton"])
+def test_neither_scale_nor_sign_changes_the_way_to_a_root(method):
+    """f(x) = 0 and -f(-x / s) = 0 for s a power of two: the same steps, to the last bit."""
+
+    @jax.jit
+    @jax.vmap
+    def found(root, low, high, scale):
+        def function(x):
+            x = x / scale
+            return jnp.sign(scale) * (jnp.arctan(3 * (x - root)) + 0.3 * (x - root) ** 3)
+
+        ends = jnp.where(scale < 0, scale * jnp.stack([high, low]), scale * jnp.stack([low, high]))
+        if method == "bracketed":
+            return bracketed_root(function, ends[0], ends[1])
+        return newton_bracketed(function, ends[0], ends[1], scale * (0.3 * low + 0.7 * high))
+
+    random = np.random.default_rng(1)
+    root = random.uniform(0.1, 2, 100)
+    low, high = root - random.uniform(1e-3, 1.9, 100), root + random.uniform(1e-3, 1.9, 100)
+    plain = found(root, low, high, np.ones(100))
+    np.testing.assert_allclose(plain.x, root, rtol=8 * EPS)
+    for scale in (-1.0, 2.0**-30, -(2.0**30)):
+        scaled = found(root, low, high, np.full(100, scale))
+        if method == "newton" or scale > 0:
+            np.testing.assert_array_equal(scaled.x, scale * plain.x)
+            np.testing.assert_array_equal(scaled.iterations, plain.iterations)
+        else:  # the first side of the bracket is another one
+            np.testing.assert_allclose(scaled.x, scale * plain.x, rtol=4 * EPS)
+            assert abs(np.mean(scaled.iterations) - np.mean(plain.iterations)) < 0.5
+
+
+def test_a_newton_step_out_of_either_end_is_not_made():
+    """(x - 3/10) (11/10 - x) falls at the guess: its slope leads to the root above the bracket."""
+    low, high, guess = (jnp.asarray(x) for x in (0.0, 1.0, 0.95))
+    found = newton_bracketed(lambda x: (x - 0.3) * (1.1 - x), low, high, guess)
+    assert float(found.x) == pytest.approx(0.3, rel=4 * EPS)
+
+
+def test_the_last_step_does_not_leave_the_bracket_either():
+    """A root that lies half an eps before the bracket."""
+    low = jnp.nextafter(jnp.asarray(0.5), 1.0)
+    assert newton_bracketed(lambda x: x - 0.5, low, jnp.asarray(1.0), low).x == low
+
+
+def test_a_small_step_after_a_large_one_does_not_tell_that_the_search_is_over():
+    """x - 1 with a hump of 1e-4 at its root: from 100 the moves are 99 and 1e-4, and the root is 1e-8 farther."""
+
+    def humped(x):
+        return x - 1 + 1e-4 * jnp.exp(-(((x - 1) / 0.01) ** 2))
+
+    found = newton_bracketed(humped, jnp.asarray(0.5), jnp.asarray(200.0), jnp.asarray(100.0))
+    x, hump = float(found.x), 1e-4
+    for _ in range(20):
+        hump = 1e-4 * np.exp(-((hump / 0.01) ** 2))
+    assert x == pytest.approx(1 - hump, rel=4 * EPS)
+
+
+def test_newtons_method_halves_where_there_is_no_slope_and_ends_with_the_bracket():
+    """A jump at 1/3: brackets of 2^-k, until 2 eps of x are left; at zero, relative to which none is small, the end."""
+    jump = jax.jit(
+        lambda place, low, high: newton_bracketed(
+            lambda x: jnp.where(x < place, -1.0, 1.0), low, high, 0.5 * (low + high)
+        )
+    )
+    for place, low, high in ((1 / 3, 0.0, 1.0), (-1 / 3, -1.0, 0.0)):
+        found = jump(place, low, high)
+        assert float(found.x) == pytest.approx(place, rel=2 * EPS)
+        assert found.iterations == np.ceil(-np.log2(2 * EPS / 3))
+    assert newton(4, 0.0, -1.0, 2.0, 0.7).iterations == 100

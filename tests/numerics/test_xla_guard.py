@@ -33,6 +33,11 @@ def test_the_guard_is_still_there_when_xla_is_done():
     assert count(program(lambda x: (x + 1) * 2, x), "divide") == 0
 
 
+def test_a_derivative_is_guarded_as_its_value_is():
+    x = jnp.linspace(0.0, 1.0, 40)
+    assert count(program(lambda x, v: jax.jvp(lambda x: materialised(x + 1) * 2, (x,), (v,)), x, x), "divide") == 2
+
+
 def test_a_guarded_value_is_computed_in_one_place():
     x = jnp.linspace(0.0, 1.0, 40)
     assert count(program(lambda x: used_ten_times(x, materialised), x), "cosine") == 1

@@ -1,0 +1,128 @@
+"""Roots from roots nearby, of equations that are solved by hand: what is good, what is not, and what it takes."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from softgrip_jax.numerics.nearby import CHORDS, NEAR, Known, known_root, root_by_chords, root_nearby
+
+
+def bent(u, t):
+    """u0^2 = t0, u1 = t1 u0; what is observed is u0 u1 and u1 + t0."""
+    return jnp.stack([u[0] ** 2 - t[0], u[1] - t[1] * u[0]]), jnp.stack([u[0] * u[1], u[1] + t[0]])
+
+
+def closed(t):
+    root = jnp.sqrt(t[0])
+    return jnp.stack([t[1] * t[0], t[1] * root + t[0]]), jnp.stack([root, t[1] * root])
+
+
+near = jax.jit(lambda t, known: root_nearby(bent, t, known))
+chords = jax.jit(lambda t, known: root_by_chords(bent, t, known))
+T = jnp.array([1.0, 2.0])
+
+
+def known_at(t, side=1.0):
+    _, u = closed(t)
+    return Known(u, jnp.linalg.inv(jax.jacfwd(lambda u: bent(u, t)[0])(u)), jnp.asarray(side))
+
+
+def test_at_a_root_itself_all_is_exact():
+    found = near(T, known_root(jnp.array([1.0, 2.0])))
+    assert found.good
+    assert found.count == 1
+    np.testing.assert_allclose(found.observed, [2.0, 3.0], rtol=1e-15)
+    np.testing.assert_allclose(found.slopes, jax.jacfwd(lambda t: closed(t)[0])(T), rtol=1e-14)
+    np.testing.assert_allclose(found.known.u, [1.0, 2.0], rtol=1e-15)
+    np.testing.assert_allclose(found.known.inverse, known_at(T).inverse, atol=1e-15)
+    assert found.known.side == 1
+
+
+@pytest.mark.parametrize("t", [(1.02, 2.1), (0.9, 1.5), (1.3, 2.0)])
+def test_a_root_next_door_with_its_slopes(t):
+    t = jnp.array(t)
+    found = near(t, known_at(T))
+    assert found.good
+    assert 2 < found.count < CHORDS
+    observed, u = closed(t)
+    np.testing.assert_allclose(found.observed, observed, rtol=1e-13)
+    np.testing.assert_allclose(found.known.u, u, rtol=1e-13)
+    np.testing.assert_allclose(found.slopes, jax.jacfwd(lambda t: closed(t)[0])(t), rtol=1e-6)
+    observed, u, good = chords(t, known_at(T))
+    assert good
+    np.testing.assert_allclose(u, closed(t)[1], rtol=1e-9)
+    np.testing.assert_array_equal(observed, bent(u, t)[1])
+
+
+def test_the_last_correction_is_that_of_what_is_observed_too():
+    """A place that is off by less than NEAR, and nothing known of its Jacobian: the errors left are squared."""
+    off = known_root(jnp.array([1.0, 2.0]) + 0.5 * NEAR)
+    found = near(T, off)
+    assert found.good
+    np.testing.assert_allclose(found.observed, [2.0, 3.0], rtol=1e-13)
+    np.testing.assert_allclose(found.known.u, [1.0, 2.0], rtol=1e-13)
+
+
+def test_what_is_farther_off_is_not_good_but_the_next_trial_from_there_is():
+    found = near(T, known_root(jnp.array([1.0, 2.0]) + 30 * NEAR))
+    assert not found.good
+    assert near(T, found.known).good
+
+
+def test_the_side_tells_roots_apart():
+    """u0 = -1 is a root, too, where the determinant, 2 u0, is negative."""
+    other = jnp.array([-1.0, -2.0])
+    assert near(T, known_root(other)).known.side == -1
+    for side, good in ((0.0, True), (-1.0, True), (1.0, False)):
+        known = known_root(other)._replace(side=jnp.asarray(side))
+        assert bool(near(T, known).good) == good
+
+
+def test_chords_alone_need_a_jacobian():
+    assert chords(T, known_at(T))[2]
+    assert not chords(T, known_root(jnp.array([1.0, 2.0])))[2]  # though it is the root
+    assert not chords(T + 10, known_at(T))[2]
+
+
+@jax.jit
+def straight(share, t, u):
+    """u = t with an inverse that is too small: moves shrink by 1 - share."""
+    known = Known(u[None], share * jnp.ones((1, 1)), jnp.asarray(1.0))
+
+    def equations(u, t):
+        return u - t, 3 * u
+
+    return root_nearby(equations, t[None], known), root_by_chords(equations, t[None], known)
+
+
+def test_moves_that_hardly_shrink_are_not_followed():
+    """By 0.55 each: the second move is not made. By 0.45 each they all are, CHORDS of them and no more."""
+    found, (observed, u, good) = straight(0.45, 1e3, 1e3 + 1)
+    assert found.count == 2
+    assert float(u[0]) == pytest.approx(1e3 + 0.55, rel=1e-12)
+    assert float(observed[0]) == pytest.approx(3 * float(u[0]))
+    assert not good
+    found, (_, u, good) = straight(0.55, 1e3, 1e3 + 1)
+    assert found.count == CHORDS == 12
+    assert float(u[0]) - 1e3 == pytest.approx(0.45**12, rel=1e-6)
+    assert not good
+
+
+@pytest.mark.parametrize("size", [1.0, 1e6, -1e6])
+def test_moves_end_below_their_bounds_which_are_relative(size):
+    """By 0.1 each from u = 2 size, the k-th move is 0.9 size / 10^(k-1), of 1 + size or so."""
+    found, (_, u, good) = straight(0.9, size, 2 * size)
+    assert good
+    last = 0.9 * abs(size) / (1 + abs(size))
+    assert found.count == 1 + np.ceil(np.log10(last / 1e-7))
+    assert 5e-11 < abs(float(u[0]) / size - 1) < 2e-10
+    assert found.good
+    assert float(found.observed[0]) == pytest.approx(3 * size, rel=1e-15)
+
+
+def test_what_is_not_a_number_is_not_good():
+    nowhere = Known(jnp.array([jnp.nan, 1.0]), jnp.eye(2), jnp.asarray(1.0))
+    assert not near(T, nowhere).good
+    assert not chords(T, nowhere)[2]
+    assert not chords(T, known_at(T)._replace(inverse=jnp.full((2, 2), jnp.nan)))[2]
