@@ -328,7 +328,6 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "shells": (_all_of("shells"), ("shells",)),
     "fingers": (_all_of("fingers"), ("fingers",)),
     "scenes": (_all_of("scenes"), ("scenes",)),
-    "methods": (_all_of("methods"), ("methods",)),
     "peers": (_all_of("peers"), ("peers",)),
     "elastica": (_all_of("elastica"), ("elastica",)),
     "start": (_start, ("start",)),

@@ -89,24 +89,6 @@ def _fingers(tables: dict[str, Rows]) -> Figure:
     return work_precision(["finger free", "finger tip contact", "finger grasp"], rows, series)
 
 
-def _methods(tables: dict[str, Rows]) -> Figure:
-    """Error over time per design of all methods of the beam with all solvers, and of shells."""
-    figure = Figure(figsize=(6.4, 3.8), layout="constrained")
-    ax = figure.subplots()
-    lines: dict[str, list[tuple[float, float]]] = {}
-    for row in tables["methods"]:
-        if _known(row, "error", "seconds"):
-            name = f"{row['scene']}: {row['method']}"
-            lines.setdefault(name, []).append((row["seconds"], max(row["error"], 1e-16)))
-    for k, (name, points) in enumerate(lines.items()):
-        x, y = np.array(sorted(points)).T
-        ax.plot(x, y, MARKS[k % len(MARKS)] + "-", color=_colour(k), ms=5, lw=0.9, label=name)
-    ax.set(xscale="log", yscale="log", xlabel="seconds per design, one core", ylabel="error of the value")
-    ax.grid(True, which="major", lw=0.3, color="0.85")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=7.5)
-    return figure
-
-
 def _throughput(tables: dict[str, Rows]) -> Figure:
     figure = Figure(figsize=(6.4, 3.4), layout="constrained")
     ax = figure.subplots()
@@ -202,7 +184,6 @@ PICTURES = (
     ("energy", _energy, ("energy",)),
     ("work_precision_shells", _shells, ("shells",)),
     ("work_precision_fingers", _fingers, ("fingers",)),
-    ("methods", _methods, ("methods",)),
     ("throughput", _throughput, ("shells", "fingers")),
     ("model_error", _models, ("models",)),
 )
