@@ -34,10 +34,10 @@ def is_sought(at: State | Array) -> bool:
     return isinstance(at, tuple | str)
 
 
-def known_state(at: State, solution: Solution) -> Known:
-    """A solved state as a place to begin from: its unknowns and, where it was sought, the pressure."""
+def known_state(at: State, solution: Solution, t: Float[Array, " m"]) -> Known:
+    """A solved state of a design t as a place to begin from: its unknowns and, where it was sought, the pressure."""
     u = solution.unknowns
-    return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u)
+    return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u, t)
 
 
 def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Array, Solution]:

@@ -349,15 +349,15 @@ class Problem:
         found = self.measured.measure(scenes, solutions=solutions)
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
-    def known(self, solutions: Sequence[Solution]) -> tuple[Known, ...]:
-        """The `followed` ones of the solutions of `solved_states`, one design or a batch, as places to begin from."""
+    def known(self, t: Any, solutions: Sequence[Solution]) -> tuple[Known, ...]:
+        """The `followed` ones of the solutions of `solved_states`, one design t or a batch, as places to begin from."""
         of = dict(zip(self.solved_states, solutions, strict=True))
 
-        def each(solutions):
-            return tuple(known_state(at, s) for (_, at), s in zip(self.followed, solutions, strict=True))
+        def each(t, solutions):
+            return tuple(known_state(at, s, t) for (_, at), s in zip(self.followed, solutions, strict=True))
 
-        chosen = tuple(of[state] for state in self.followed)
-        return jax.vmap(each)(chosen) if chosen[0].status.ndim else each(chosen)
+        t, chosen = jnp.asarray(t), tuple(of[state] for state in self.followed)
+        return jax.vmap(each)(t, chosen) if chosen[0].status.ndim else each(t, chosen)
 
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""

@@ -211,6 +211,59 @@ def tension_over_strain(material: Material, t_m: Scalar, strain: Scalar) -> Scal
     return jnp.where(small, mean, tension(1 + safe) / safe)
 
 
+class Seat(NamedTuple):
+    """What of an inclined wall does not depend on its angle: where it meets the plane, (4.18), (4.19), (4.27)."""
+
+    cosine: Scalar
+    """cos(theta_s)."""
+    lean: Scalar
+    """cos(theta_s) - 1."""
+    depth: Scalar
+    """d + 2 a sin(theta_s), m."""
+    rho: Scalar
+    """rho*, m."""
+    outer: Scalar
+    """a + rho*, m: the part of the wall outside of the place of first contact."""
+
+
+@jax.jit
+def wall_seat(a: Scalar, d: Scalar, incline: Scalar) -> Seat:
+    """As for `inclined_wall`."""
+    cosine, sine = cos_and_sin(incline)
+    apart = d > 0
+    theta_i = first_contact_angle(jnp.where(apart, d / a, 1.0), incline)
+    rho = a * jnp.where(apart, incline / theta_i, jnp.sign(incline))  # (4.19)
+    lean = -2 * jnp.sin(0.5 * incline) ** 2
+    return Seat(cosine, lean, d + 2 * a * sine, rho, a + rho)
+
+
+class _Inflated(NamedTuple):
+    """A seated wall at one angle."""
+
+    sine: Scalar
+    """sin(theta_m2 / 2)."""
+    cot: Scalar
+    strain: Scalar
+    pressure: Scalar
+
+
+def _inflated(theta_m2: Scalar, seat: Seat, t_m: Scalar, material: Material) -> _Inflated:
+    """p = 2 T / R, (4.7), (4.27), (4.28), (4.30), with T and R each in proportion to the depth where it is small."""
+    cosine, sine = cos_and_sin(0.5 * theta_m2)
+    sine2, cot = sine * sine, cosine / sine
+    bulge = (theta_m2 / sine2 - 2 * cot) / (2 * seat.outer)
+    strain = seat.lean + seat.depth * bulge  # (4.28)
+    deep = seat.depth > 0
+    strain_over_depth = bulge + jnp.where(deep, seat.lean / jnp.where(deep, seat.depth, 1.0), 0.0)
+    return _Inflated(sine, cot, strain, 4 * sine2 * strain_over_depth * tension_over_strain(material, t_m, strain))
+
+
+@jax.jit
+def seated_pressure(theta_m2: Scalar, seat: Seat, t_m: Scalar, material: Material) -> Scalar:
+    """The pressure (Pa) of `inclined_wall`, for searches for its angle: what the angle leaves alone is in the seat."""
+    return _inflated(theta_m2, seat, t_m, material).pressure
+
+
 @jax.jit
 def inclined_wall(
     theta_m2: Scalar, a: Scalar, b: Scalar, t_m: Scalar, material: Material, d: Scalar, incline: Scalar
@@ -222,28 +275,16 @@ def inclined_wall(
     by the stretch mapping (4.34) alone. On a parallel plane d = 0 is a regular limit; on an inclined one the model
     touches at the very edge there (rho* = a, no force) and depends on sqrt(d).
     """
-    half = 0.5 * theta_m2
-    (c, s), (cosine, sine) = cos_and_sin(incline), cos_and_sin(half)
-    sine2, cot = sine * sine, cosine / sine
-    depth = d + 2 * a * s
-    apart = d > 0
-    theta_i = first_contact_angle(jnp.where(apart, d / a, 1.0), incline)
-    rho = a * jnp.where(apart, incline / theta_i, jnp.sign(incline))  # (4.19)
-    radius = depth / (2 * sine2)  # (4.27)
-    c_2 = (a + rho) * c - depth * cot  # (4.26)
-    bulge = (theta_m2 / sine2 - 2 * cot) / (2 * (a + rho))
-    lean = -2 * jnp.sin(0.5 * incline) ** 2  # cos(theta_s) - 1
-    strain = lean + depth * bulge  # (4.28)
-    deep = depth > 0
-    safe_depth = jnp.where(deep, depth, 1.0)
-    part = jnp.sqrt(jnp.where(apart, d / safe_depth, 1.0))
+    seat = wall_seat(a, d, incline)
+    sine, cot, strain, pressure = _inflated(theta_m2, seat, t_m, material)
+    depth, apart, deep = seat.depth, d > 0, seat.depth > 0
+    radius = depth / (2 * sine * sine)  # (4.27)
+    c_2 = seat.outer * seat.cosine - depth * cot  # (4.26)
+    part = jnp.sqrt(jnp.where(apart, d / jnp.where(deep, depth, 1.0), 1.0))
     theta_m1 = 2 * jnp.arcsin(sine * jnp.where(apart | ~deep, part, 0.0))  # (4.31)
     c_1 = 2 * a * (1 + strain) - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
-    c_z = (c_1 + c_2) * b * (a - rho) / a**2  # (4.34)
-    # p = 2 T / R, (4.7), (4.30), with T and R each in proportion to the depth where it is small.
-    strain_over_depth = bulge + jnp.where(deep, lean / safe_depth, 0.0)
-    pressure = 4 * sine2 * strain_over_depth * tension_over_strain(material, t_m, strain)
-    return InclinedWall(pressure, 1 + strain, radius, theta_m1, c_1, c_2, c_z, rho)
+    c_z = (c_1 + c_2) * b * (a - seat.rho) / a**2  # (4.34)
+    return InclinedWall(pressure, 1 + strain, radius, theta_m1, c_1, c_2, c_z, seat.rho)
 
 
 def arc_chain(

@@ -7,7 +7,7 @@ from helpers import MATERIALS
 
 import softgrip_jax as sg
 from optim.nearby import can_begin_nearby, is_covered, known_state, state_at
-from softgrip_jax.numerics.nearby import Known, root_by_chords, root_nearby
+from softgrip_jax.numerics.nearby import root_by_chords, root_nearby
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.units import gram, kPa, mm
 
@@ -32,7 +32,7 @@ class Case:
     def __init__(self, make, at, name):
         def along(a):
             solution = solution_at(make(a), at)
-            return solution.observables[name], known_state(at, solution)
+            return solution.observables[name], known_state(at, solution, jnp.asarray(a)[None])
 
         def near(a, known):
             def equations(u, t):
@@ -97,7 +97,7 @@ def test_the_slope_is_exact_where_the_state_is_known_already(case):
 def test_another_sign_of_the_determinant_is_no_answer(case):
     *_, good, known = case.near(A, case.known(A))
     assert good
-    assert not case.near(A, Known(known.u, known.inverse, -known.side))[2]
+    assert not case.near(A, known._replace(side=-known.side))[2]
 
 
 def test_chords_alone_lead_to_the_same_state_or_to_none(case):
@@ -114,7 +114,7 @@ def test_chords_alone_lead_to_the_same_state_or_to_none(case):
 
 def test_nonsense_is_no_answer(case):
     known = case.known(A)
-    assert not case.near(A, Known(known.u + 1e3, known.inverse, known.side))[2]
+    assert not case.near(A, known._replace(u=known.u + 1e3))[2]
     assert not case.near(-A, known)[2]
 
 

@@ -116,9 +116,9 @@ class Evaluator:
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
         self.is_near = bool(problem.followed)
-        self.at = np.zeros((0, problem.space.size))
-        """Unit values of the designs that are known, the latest last, and their states."""
-        self.places: Any = None
+        self._memory: Any = None
+        """Unit values of designs and their states, REMEMBERED rows, and how many were ever written there."""
+        self._written = 0
         self.moving: np.ndarray | None = None
         """During the descent, which of the starts the rows that are asked for belong to."""
 
@@ -177,17 +177,19 @@ class Evaluator:
     def _begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
         found = self._solve(t)
-        self._remember(t, jax.tree.map(np.asarray, self.problem.known(found.solutions)), found.shortfall == 0)
+        self._remember(t, jax.tree.map(np.asarray, self.problem.known(t, found.solutions)), found.shortfall == 0)
 
     def _nearby(self, t: np.ndarray) -> tuple[Evaluated, np.ndarray]:
         """What is found from the designs that are known, and the rows that are not found so."""
-        nearest = np.argmin(np.sum((t[:, None] - self.at[None]) ** 2, axis=-1), axis=1)
-        known = jax.tree.map(lambda v: v[nearest], self.places)
-        left, found = np.arange(len(t)), cast(Any, None)
+        nearest, distance = self.nearest(t)
+        # Designs that are solved together wait for the one with the longest way.
+        left, found = np.argsort(distance, kind="stable"), cast(Any, None)
+        known = jax.tree.map(lambda v: v[nearest[left]], self.places)
         for _ in range(ROUNDS):
             measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
             fresh = evaluated(measured, t.shape[1], slopes)
-            found = fresh if found is None else jax.tree.map(partial(_replaced, left), found, fresh)
+            found = fresh if found is None else found
+            found = jax.tree.map(partial(_replaced, left), found, fresh)
             good = fresh.shortfall == 0
             self._remember(t[left], known, good)
             on = ~good & np.all([np.all(np.isfinite(place.u), axis=1) for place in known], axis=0)
@@ -196,12 +198,35 @@ class Evaluator:
                 break
         return found, np.flatnonzero(found.shortfall > 0)
 
+    def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which of the known designs is nearest to each row of unit values, and the square of its distance."""
+        at = self.at
+        squares = np.sum(at**2, axis=1)[None] - 2 * t @ at.T
+        nearest = np.argmin(squares, axis=1)
+        return nearest, np.sum((t - at[nearest]) ** 2, axis=1)
+
+    @property
+    def at(self) -> np.ndarray:
+        """Unit values of the designs that are known."""
+        return self._memory[0][: self._written] if self._written else np.zeros((0, self.problem.space.size))
+
+    @property
+    def places(self) -> Any:
+        """Their states, where there are any."""
+        return jax.tree.map(lambda v: v[: self._written], self._memory[1])
+
     def _remember(self, t: np.ndarray, known: Any, good: np.ndarray) -> None:
-        """Keep the good ones of what was solved, and forget the oldest."""
-        known = jax.tree.map(lambda v: v[good], known)
-        self.at = np.concatenate([self.at, t[good]])[-REMEMBERED:]
-        both = (known,) if self.places is None else (self.places, known)
-        self.places = jax.tree.map(lambda *v: np.concatenate(v)[-REMEMBERED:], *both)
+        """Keep the good ones of what was solved, in the places of the oldest."""
+        rows = jax.tree.map(lambda v: v[good][-REMEMBERED:], (t, known))
+        if self._memory is None:
+            self._memory = jax.tree.map(lambda v: np.empty((REMEMBERED, *v.shape[1:]), v.dtype), rows)
+        places = (self._written + np.arange(len(rows[0]))) % REMEMBERED
+
+        def write(memory, new):
+            memory[places] = new
+
+        jax.tree.map(write, self._memory, rows)
+        self._written += len(places)
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
         """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""

@@ -24,7 +24,7 @@ from ..problem import Limits, Problem
 from .scatter import ScatteredSpace, Scatters
 
 BLOCK = 512
-"""Parts that are looked up together among the states that are known: what a table of their distances takes, 80 MB."""
+"""Parts that are looked up together among the states that are known: what a table of their distances takes, 8 MB."""
 COUNTED_AT_ONCE = 256
 """Parts that are counted by one call: without derivatives they take less memory."""
 AT_ONCE = 16
@@ -92,7 +92,7 @@ class Parts:
                 value_slopes=found.value_slopes[..., :0], shortfall_slopes=found.shortfall_slopes[:, :0]
             )
         evaluate.solves += len(rows)
-        nearest = np.argmin(np.sum((rows[:, None] - evaluate.at[None]) ** 2, axis=-1), axis=1)
+        nearest, _ = evaluate.nearest(rows)
         known = jax.tree.map(lambda v: v[nearest], evaluate.places)
         found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
         left = np.flatnonzero(found.shortfall > 0)

@@ -28,6 +28,9 @@ than a millisecond, an energy membrane 20."""
 MANY_CALLS = QUICKLY | {"xla_cpu_opt_preset": "CPU_OPT_PRESET_FAST_COMPILE"}
 """For one that calls the same functions from many places: they are simplified once and put in their places at the end.
 A shell's search compiles in two thirds of the time; an energy membrane runs more slowly (jaxlib 0.10.1)."""
+BLAS_THREADS = 1
+"""Of OpenBLAS, with which SciPy's LAPACK inverts the Jacobians of fingers one by one: two threads that share 40
+unknowns wait for each other. Where another program has one of the processors that takes a hundred times as long."""
 COLLECTED = 1_000_000
 """Objects between two looks for what nobody holds any more: while JAX is imported and traces nearly all of them are
 kept, and with Python's 700 looking takes a sixth of the first answer."""
@@ -43,6 +46,7 @@ def settings() -> None:
     _folder = user_folder()
     os.environ.setdefault(FOLDER, str(_folder))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", str(LEAST_SECONDS))
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", str(BLAS_THREADS))
     silence()
     from jaxlib.version import __version_info__ as version
 

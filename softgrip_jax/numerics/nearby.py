@@ -1,9 +1,10 @@
 """A root and what is observed there, from a root nearby: for searches, which ask thousands of times.
 
-When a parameter moves a little the root moves along. From the root before, and the inverse of the Jacobian there, a few
-evaluations lead to the new one (the chord method: Newton's with a Jacobian that is kept); one Jacobian there, by the
-unknowns and the parameters together, then gives the last correction, every derivative, and the inverse that the next
-root begins with. Optimistix has the chord method too, within one solve: it does not hand its Jacobian on.
+When a parameter moves a little the root moves along. From where the slope at the root before leads (Euler's predictor),
+and with the inverse of the Jacobian there, a few evaluations lead to the new one (the chord method: Newton's with a
+Jacobian that is kept); one Jacobian there, by the unknowns and by the parameters, then gives the last correction, every
+derivative, and what the next root begins with. Optimistix has the chord method too, within one solve: it does not hand
+its Jacobian on.
 """
 
 from __future__ import annotations
@@ -11,11 +12,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .continuation.newton import value_and_jacobian
 from .small_linear import solve_and_sign
 
 Equations = Callable[[Array, Array], tuple[Array, Array]]
@@ -40,6 +41,10 @@ class Known(NamedTuple):
     """Of the Jacobian by u; zeros where it is not known."""
     side: Float[Array, ""]
     """The sign of the Jacobian's determinant, which is the same along a branch; 0 where it is not known."""
+    t: Float[Array, " m"]
+    """The parameters of this root."""
+    moved: Float[Array, "n m"]
+    """How the root moves with them; zeros where it is not known."""
 
 
 class Nearby(NamedTuple):
@@ -55,27 +60,24 @@ class Nearby(NamedTuple):
     """Evaluations without derivatives."""
 
 
-def known_root(u: Float[Array, " n"]) -> Known:
-    """A root of which nothing else is known yet."""
-    return Known(u, jnp.zeros((u.shape[0], u.shape[0]), u.dtype), jnp.zeros((), u.dtype))
+def known_root(u: Float[Array, " n"], t: Float[Array, " m"]) -> Known:
+    """A root at parameters t of which nothing else is known yet."""
+    n, zero = len(u), jnp.zeros((), u.dtype)
+    return Known(u, jnp.zeros((n, n), u.dtype), zero, t, jnp.zeros((n, len(t)), u.dtype))
 
 
 def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Nearby:
     """The root of equations(u, t)[0] near a known one. What is not good may be tried again from where it ended."""
-
     u, _, count = _by_chords(equations, t, known, NEAR)
-    n, place = len(u), jnp.concatenate([u, t])
-    (residual, observed), (by_all, seen_by_all) = jax.vmap(
-        lambda v: jax.jvp(lambda x: equations(x[:n], x[n:]), (place,), (v,)), out_axes=(None, -1)
-    )(jnp.eye(len(place), dtype=t.dtype))
-    inverse, side = solve_and_sign(by_all[:, :n], jnp.eye(n, dtype=t.dtype))
-    move, moved = -inverse @ residual, -inverse @ by_all[:, n:]
+    # Apart: along u nothing moves of what depends on t alone, which is most of what there is to differentiate.
+    (residual, observed), (by_u, seen_by_u) = value_and_jacobian(lambda u: equations(u, t), u)
+    _, (by_t, seen_by_t) = value_and_jacobian(lambda t: equations(u, t), t)
+    inverse, side = solve_and_sign(by_u, jnp.eye(len(u), dtype=t.dtype))
+    move, moved = -inverse @ residual, -inverse @ by_t
     size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
     good = (size <= NEAR) & ((known.side == 0) | (side == known.side))
-    by_u = seen_by_all[:, :n]
-    return Nearby(
-        observed + by_u @ move, seen_by_all[:, n:] + by_u @ moved, Known(u + move, inverse, side), good, count
-    )
+    root = Known(u + move, inverse, side, t, moved)
+    return Nearby(observed + seen_by_u @ move, seen_by_t + seen_by_u @ moved, root, good, count)
 
 
 def root_by_chords(
@@ -105,6 +107,7 @@ def _by_chords(
         shrinks = size <= CONTRACTION * last
         return jnp.where(shrinks, u - move, u), size, shrinks & (size > enough), count + 1
 
-    start = (known.u, jnp.full((), jnp.inf, t.dtype), jnp.asarray(True), jnp.asarray(0))
+    predicted = known.u + known.moved @ (t - known.t)
+    start = (predicted, jnp.full((), jnp.inf, t.dtype), jnp.asarray(True), jnp.asarray(0))
     u, size, _, count = lax.while_loop(lambda state: state[2] & (state[3] < CHORDS), chord, start)
     return u, size, count

@@ -16,6 +16,7 @@ Everything here is a pure number: s = X/L, lengths by L, forces by mu B H, momen
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -105,8 +106,39 @@ def _at_a_point(cover: Cover, s: Scalar, curvature: Scalar, theta: Scalar) -> tu
     return moment, stretch, dx, dy, (p * dy - q * dx) / cover.slenderness
 
 
+class Along(NamedTuple):
+    """What one part is from its curvatures and the angle at its beginning: at its points, and over all of it."""
+
+    theta: Float[Array, " points"]
+    moment: Float[Array, " points"]
+    stretch: Float[Array, " points"]
+    slopes: tuple[Float[Array, " points"], Float[Array, " points"]]
+    ahead: Float[Array, " points"]
+    """How M_ext changes from each point to the part's end."""
+    change: Scalar
+    """... and from its beginning."""
+    way: tuple[Scalar, Scalar]
+    """x and y from its beginning to its end."""
+
+
+def _along_a_part(
+    points: Points, cover: Cover, low: Scalar, width: Scalar, curvature: Float[Array, " points"], start: Scalar
+) -> Along:
+    """One part of several; `start` is theta at its beginning."""
+    theta = start + width * (curvature @ points.up_to.T)
+    s = low + width * points.places
+    moment, stretch, dx, dy, change = jax.vmap(_at_a_point, (None, 0, 0, 0))(cover, s, curvature, theta)
+    whole, x, y = (width * (values @ points.weights) for values in (change, dx, dy))
+    return Along(theta, moment, stretch, (dx, dy), width * (change @ points.beyond.T), whole, (x, y))
+
+
 def bend(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: Points) -> Line:
     """The beam with these curvatures, from the angle at its clamp; the tip is free of moments."""
+    return (_bend_one if len(curvature) == 1 else _bend_several)(cover, clamp, parts, curvature, points)
+
+
+def _bend_one(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: Points) -> Line:
+    """Every point by itself: each depends on all the others."""
     widths = parts.high - parts.low
     turned, turns = integrals(curvature, widths, points)
     theta = clamp + turned
@@ -117,6 +149,21 @@ def bend(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: 
     x, y = integrals(dx, widths, points)[1], integrals(dy, widths, points)[1]
     external, at_clamp = -remaining(change, widths, points), -integrals(change, widths, points)[1][-1]
     return Line(curvature, theta, stretch, moment, external, at_clamp, (dx, dy), clamp + turns, (x, y))
+
+
+def _bend_several(cover: Cover, clamp: Scalar, parts: Part, curvature: AtPoints, points: Points) -> Line:
+    """Every part at once: it depends on what is in it and on few numbers of the others, so that its derivatives are
+    taken by those, and not by everything along the beam (two thirds of the time of a Jacobian)."""
+    widths = parts.high - parts.low
+    turns = widths * (curvature @ points.weights)
+    angles = clamp + jnp.cumsum(turns)
+    along = (Cover(None, cover.law.axis(), None), 0, 0, 0, 0)
+    every = jax.vmap(differentiated_once(partial(_along_a_part, points)), along)
+    found = every(cover, parts.low, widths, curvature, angles - turns)
+    changes = jnp.cumsum(found.change)
+    external = -found.ahead - (changes[-1] - changes)[:, None]
+    ends = (jnp.cumsum(found.way[0]), jnp.cumsum(found.way[1]))
+    return Line(curvature, found.theta, found.stretch, found.moment, external, -changes[-1], found.slopes, angles, ends)
 
 
 def at_place(line: Line, parts: Part, clamp: Scalar, s: Scalar, points: Points) -> tuple[Scalar, ...]:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ...curve_scene import CurveScene
 from ...errors import InputError
 from ...fields import finite, part
-from ...membrane import InclinedWall, inclined_wall
+from ...membrane import InclinedWall, Seat, inclined_wall, wall_seat
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import bracketed_root
 from ...reasons import RULE_NAMES
@@ -89,6 +89,10 @@ class Chamber(CurveScene):
         f = self.finger
         distance, incline = self.nearer_edge()
         return inclined_wall(angle, f.a, f.b, f.t_m, f.material, distance, incline)
+
+    def seat(self) -> Seat:
+        """What of the wall does not depend on theta_m2."""
+        return wall_seat(self.finger.a, *self.nearer_edge())
 
     def prepared(self):
         return one_chamber(self)

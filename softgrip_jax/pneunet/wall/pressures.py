@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool
 
 from ...errors import InputError
 from ...fields import is_concrete, to_float_array
+from ...membrane import Seat, seated_pressure, tension_over_strain
 from ...numerics.choice import larger
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import bracketed_root, newton_bracketed
@@ -25,6 +26,10 @@ from .small_strain import SmallStrainChamber
 
 NO_PRESSURE = 1e-15
 """A wall under less than this part of the largest pressure counts as flat."""
+CUBIC_STEPS = 3
+"""From twice the root at most they leave 1e-2 of it."""
+TINY = 1e-12
+"""m: a depth below it counts as none, so that nothing is divided by zero."""
 SLOWER = 0.08
 """With this the cubic law is good to 1 % of the angle up to one radian."""
 
@@ -142,14 +147,18 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     fixed, target = lax.stop_gradient((scene, pressure))
     if finger.material.closed_forms().has_rising_wall:
         low, high = fixed.search_interval()
-        # The pressure of a flat wall rises with the third power of its angle, of a round one a little more slowly.
-        flat, most = jax.vmap(fixed.load)(jnp.stack([low, high]))
+        seat, t_m, material = fixed.seat(), fixed.finger.t_m, fixed.finger.material
+
+        def load(angle):
+            return seated_pressure(angle, seat, t_m, material)
+
+        flat, most = jax.vmap(load)(jnp.stack([low, high]))
         # Rounding may leave a wall that is all but flat a pressure below zero.
         flat = jnp.maximum(flat, NO_PRESSURE * most)
         wanted = jnp.maximum(target, flat)
-        guess = low * jnp.cbrt(wanted / flat)
-        guess = guess + SLOWER * guess * guess
-        angle = newton_bracketed(lambda x: jnp.log(fixed.load(x) / wanted), low, high, guess).x
+        guess = _little_inflated(seat, wanted / tension_over_strain(material, t_m, jnp.zeros_like(t_m)))
+        guess = guess + SLOWER * guess * guess  # the pressure of a round wall rises a little more slowly
+        angle = newton_bracketed(lambda x: jnp.log(load(x) / wanted), low, high, guess).x
         inside = (target <= most) & fixed.is_possible()
         touching = inside & (fixed.wall(angle).contact_width > 0)
     else:
@@ -160,6 +169,19 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
     angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
     moment = scene.observe(angle, pressure)["end_moment"]
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
+
+
+def _little_inflated(seat: Seat, pressure: Scalar) -> Scalar:
+    """theta_m2 of a wall that is inflated a little, by the pressure over its stiffness T / (lambda - 1), 1/m.
+
+    With (4.28) to first order in theta, strain = theta depth / (3 outer) + lean, p = theta^2 strain / depth is a cubic.
+    It is convex from its root on, and Newton's method comes down to it from above.
+    """
+    slack, cube = -3 * seat.outer * seat.lean / jnp.maximum(seat.depth, TINY), 3 * seat.outer * pressure
+    angle = slack + jnp.cbrt(cube)
+    for _ in range(CUBIC_STEPS):
+        angle -= (angle * angle * (angle - slack) - cube) / (angle * (3 * angle - 2 * slack))
+    return angle
 
 
 def touching_angle(finger: PneuNet) -> Scalar:
