@@ -25,11 +25,12 @@ T = jnp.array([1.0, 2.0])
 
 def known_at(t, side=1.0):
     _, u = closed(t)
-    return Known(u, jnp.linalg.inv(jax.jacfwd(lambda u: bent(u, t)[0])(u)), jnp.asarray(side))
+    inverse = jnp.linalg.inv(jax.jacfwd(lambda u: bent(u, t)[0])(u))
+    return Known(u, inverse, jnp.asarray(side), t, jnp.zeros((2, 2)))
 
 
 def test_at_a_root_itself_all_is_exact():
-    found = near(T, known_root(jnp.array([1.0, 2.0])))
+    found = near(T, known_root(jnp.array([1.0, 2.0]), T))
     assert found.good
     assert found.count == 1
     np.testing.assert_allclose(found.observed, [2.0, 3.0], rtol=1e-15)
@@ -55,9 +56,22 @@ def test_a_root_next_door_with_its_slopes(t):
     np.testing.assert_array_equal(observed, bent(u, t)[1])
 
 
+def test_a_slope_leads_on():
+    """What is found says how the root moves: u0 = sqrt(t0), u1 = t1 u0. From there the error left is of second order."""
+    found = near(T, known_at(T)).known
+    np.testing.assert_allclose(found.moved, jax.jacfwd(lambda t: closed(t)[1])(T), rtol=1e-13)
+    np.testing.assert_array_equal(found.t, T)
+    along = jnp.array([0.01, 0.02])
+    still = found._replace(moved=jnp.zeros((2, 2)))
+    assert near(T + along, found).count < near(T + along, still).count
+    # With an inverse of zero nothing is corrected but by the prediction: Euler's step, off by t0'' h^2 / 2.
+    led = chords(T + along, found._replace(inverse=jnp.zeros((2, 2))))[1]
+    np.testing.assert_allclose(led, closed(T)[1] + found.moved @ along, rtol=1e-15)
+
+
 def test_the_last_correction_is_that_of_what_is_observed_too():
     """A place that is off by less than NEAR, and nothing known of its Jacobian: the errors left are squared."""
-    off = known_root(jnp.array([1.0, 2.0]) + 0.5 * NEAR)
+    off = known_root(jnp.array([1.0, 2.0]) + 0.5 * NEAR, T)
     found = near(T, off)
     assert found.good
     np.testing.assert_allclose(found.observed, [2.0, 3.0], rtol=1e-13)
@@ -65,7 +79,7 @@ def test_the_last_correction_is_that_of_what_is_observed_too():
 
 
 def test_what_is_farther_off_is_not_good_but_the_next_trial_from_there_is():
-    found = near(T, known_root(jnp.array([1.0, 2.0]) + 30 * NEAR))
+    found = near(T, known_root(jnp.array([1.0, 2.0]) + 30 * NEAR, T))
     assert not found.good
     assert near(T, found.known).good
 
@@ -73,22 +87,22 @@ def test_what_is_farther_off_is_not_good_but_the_next_trial_from_there_is():
 def test_the_side_tells_roots_apart():
     """u0 = -1 is a root, too, where the determinant, 2 u0, is negative."""
     other = jnp.array([-1.0, -2.0])
-    assert near(T, known_root(other)).known.side == -1
+    assert near(T, known_root(other, T)).known.side == -1
     for side, good in ((0.0, True), (-1.0, True), (1.0, False)):
-        known = known_root(other)._replace(side=jnp.asarray(side))
+        known = known_root(other, T)._replace(side=jnp.asarray(side))
         assert bool(near(T, known).good) == good
 
 
 def test_chords_alone_need_a_jacobian():
     assert chords(T, known_at(T))[2]
-    assert not chords(T, known_root(jnp.array([1.0, 2.0])))[2]  # though it is the root
+    assert not chords(T, known_root(jnp.array([1.0, 2.0]), T))[2]  # though it is the root
     assert not chords(T + 10, known_at(T))[2]
 
 
 @jax.jit
 def straight(share, t, u):
     """u = t with an inverse that is too small: moves shrink by 1 - share."""
-    known = Known(u[None], share * jnp.ones((1, 1)), jnp.asarray(1.0))
+    known = Known(u[None], share * jnp.ones((1, 1)), jnp.asarray(1.0), t[None], jnp.zeros((1, 1)))
 
     def equations(u, t):
         return u - t, 3 * u
@@ -122,7 +136,7 @@ def test_moves_end_below_their_bounds_which_are_relative(size):
 
 
 def test_what_is_not_a_number_is_not_good():
-    nowhere = Known(jnp.array([jnp.nan, 1.0]), jnp.eye(2), jnp.asarray(1.0))
+    nowhere = Known(jnp.array([jnp.nan, 1.0]), jnp.eye(2), jnp.asarray(1.0), T, jnp.zeros((2, 2)))
     assert not near(T, nowhere).good
     assert not chords(T, nowhere)[2]
     assert not chords(T, known_at(T)._replace(inverse=jnp.full((2, 2), jnp.nan)))[2]
