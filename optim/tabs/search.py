@@ -20,7 +20,7 @@ from bokeh.models import ColumnDataSource
 from softgrip_jax.errors import InputError
 from softgrip_jax.explorer.answers import state_of, with_unit
 from softgrip_jax.explorer.looks import BLUE, VERMILION
-from softgrip_jax.explorer.page import CSS, Page, table_html
+from softgrip_jax.explorer.page import CSS, Page, table_html, wrapped
 from softgrip_jax.explorer.session import PRESSURE
 from softgrip_jax.explorer.tabs import Line, Newest, Shape, chart, ended, told
 from softgrip_jax.parameters import between
@@ -258,13 +258,13 @@ class SearchTab:
         self.open_button.on_click(lambda event: self.open_best())
         page.after_opening.append(self._refill)
         ended(page, self._stop.set)
-        wanted = pn.FlexBox(self.goal, self.observable, self.target, self.starts, sizing_mode="stretch_width")
-        buttons = pn.FlexBox(self.run_button, self.stop_button, self.open_button, self.across)
-        pictures = pn.FlexBox(self.chart, self.shape.panel, sizing_mode="stretch_width", align_items="flex-start")
+        wanted = wrapped(self.goal, self.observable, self.target, self.starts)
+        buttons = wrapped(self.run_button, self.stop_button, self.open_button, self.across)
+        pictures = wrapped(self.chart, self.shape.panel)
         self.panel = pn.Column(
             self.ticks.panel,
             wanted,
-            pn.FlexBox(*(box for row in self.keeps for box in (row.observable, row.side, row.bound))),
+            wrapped(*(box for row in self.keeps for box in (row.observable, row.side, row.bound))),
             self.margin,
             buttons,
             self.line.pane,
@@ -317,9 +317,9 @@ class SearchTab:
         kind = self._kind(observable)
         target = typed(self.target.value, kind, "The target") if KINDS[self.goal.value].has_target else None
         pressure = None if session.own_task else session.values[PRESSURE]
-        at = REQUIRED if pressure is None else pressure
+        at = next(iter(session.task.items()), REQUIRED) if pressure is None else pressure
         if observable == "pressure" and pressure is not None:
-            raise InputError("The pressure is that of its slider; tick the box of the own task to search for it.")
+            raise InputError("The pressure is that of its slider; tick the box below the menus to search for it.")
         return Asked(
             session.current(),
             tuple(self.ticks.keys),
