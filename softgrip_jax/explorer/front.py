@@ -144,8 +144,11 @@ class Front:
         self._is_ended = False
         self._fault: list[Exception] = []
 
-    def run(self) -> None:
-        """Serve in this thread, which has an event loop, until `stop`; raises what went wrong with the explorer."""
+    def run(self, on_ready: Callable[[], None] | None = None) -> None:
+        """Serve in this thread, which has an event loop, until `stop`; raises what went wrong with the explorer.
+
+        on_ready: is called when browsers get their pages.
+        """
         self._loop = loop = IOLoop.current()
         if self._is_ended:
             loop.add_callback(loop.stop)
@@ -170,6 +173,8 @@ class Front:
             started.append(explorer)
             router.rules[0] = Rule(PathMatches(f"{EXPLORER}.*"), explorer)
             is_ready.set()
+            if on_ready is not None:
+                on_ready()
 
         def prepare() -> None:
             try:
@@ -211,10 +216,15 @@ class Front:
 def serve(make: Callable[[], Session], host: str, port: int, opens: bool, tell: Callable[[str], None]) -> None:
     """Serve until Ctrl-C."""
     front = Front(make, host, port)
-    sys.setswitchinterval(SWITCH)
-    gc.set_threshold(*COLLECTED)
     logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)  # a page that was closed is no news
     tell(front.address)
     if opens:
         webbrowser.open(front.address)
-    front.run()
+    front.run(on_ready=for_pictures)
+
+
+def for_pictures() -> None:
+    """What this process does from now on is to answer sliders."""
+    sys.setswitchinterval(SWITCH)
+    gc.freeze()
+    gc.set_threshold(*COLLECTED)

@@ -130,8 +130,10 @@ class Control:
     def _place(number: Number, value: float) -> float:
         return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
 
-    def show(self, number: Number, value: float, with_slider: bool = True, with_box: bool = True) -> None:
-        """Show a value without asking again."""
+    def show(
+        self, number: Number, value: float, wrong: str = "", with_slider: bool = True, with_box: bool = True
+    ) -> None:
+        """Show a value without asking again, and what is wrong with it."""
         self._own = True
         try:
             if with_slider:
@@ -141,7 +143,7 @@ class Control:
         finally:
             self._own = False
         self._meant = self._meaning(number)
-        self.say("")
+        self.say(wrong)
 
     def say(self, sentence: str) -> None:
         """What is wrong with this number, beneath it."""
@@ -336,8 +338,8 @@ class Page:
 
     def _moved(self, control: Control, place: float) -> None:
         sentence = self.session.move(control.key, place)
-        control.show(self.session.numbers[control.key], self.session.values[control.key], with_slider=False)
-        self._done(control, sentence)
+        self._done(control, sentence)  # the picture is on its way while the box is filled
+        control.show(self.session.numbers[control.key], self.session.values[control.key], sentence, with_slider=False)
 
     def _typed(self, control: Control, text: str) -> None:
         sentence = self.session.type_in(control.key, text)
@@ -463,13 +465,14 @@ class Page:
 
         Until the browser has the whole page this waits: what changes while a page is on its way may be lost.
         """
-        if self.document is None:
+        document = self.document
+        if document is None:
             return
         with self._lock:
             if self._waiting is not None:
                 self._waiting.append(act)
                 return
-        self.document.add_next_tick_callback(partial(_at_once, act))
+        document.add_next_tick_callback(partial(_at_once, act))
 
     def _loaded(self) -> None:
         with self._lock:
@@ -627,6 +630,7 @@ def page_of(make: Callable[[], Session]) -> Any:
     if document is not None:
 
         def end(context: Any) -> None:
+            page.document = None  # what is still computed is for nobody
             page.work.close()
             page.further.close()
 
