@@ -372,6 +372,26 @@ def test_the_frame_is_there_before_the_page():
     assert found == [(200, "a page")]
 
 
+def test_a_fault_of_the_page_ends_its_server():
+    made, raised = Front(lambda: None, "localhost", 0), []
+
+    def faulty():
+        raise ZeroDivisionError
+
+    def run():
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        try:
+            made.run()
+        except ZeroDivisionError as error:
+            raised.append(error)
+
+    made._explorer = faulty
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join(10)
+    assert len(raised) == 1
+
+
 def test_another_host_needs_the_token():
     with front("127.0.0.2") as (made, _):
         bare = made.address.partition("?")[0]

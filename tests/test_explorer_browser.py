@@ -123,7 +123,7 @@ def test_another_origin_is_refused(address):
     head = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     head |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": "http://elsewhere.example"}
     connection = http.client.HTTPConnection(address.split("/")[2], timeout=10)
-    connection.request("GET", "/ws", headers=head)
+    connection.request("GET", "/explorer/ws", headers=head)
     assert connection.getresponse().status == 403
     connection.close()
 

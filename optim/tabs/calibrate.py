@@ -22,7 +22,7 @@ from panel.models.file_dropper import FileDropper
 
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import BLUE, VERMILION
-from softgrip_jax.explorer.page import CSS, Page, table_html, wrapped
+from softgrip_jax.explorer.page import CSS, Page, table_html
 from softgrip_jax.explorer.tabs import Line, Newest, chart, ended, side_by_side, told
 from softgrip_jax.progress import Tell
 from softgrip_jax.results import in_units
@@ -74,7 +74,7 @@ class CalibrateTab:
         self.stop_button = pn.widgets.Button(name="stop", disabled=True, width=80)
         self.use_button = pn.widgets.Button(name="use these numbers", disabled=True, width=160)
         self.line = Line()
-        self.pictures = wrapped()
+        self.pictures = pn.FlexBox(sizing_mode="stretch_width", align_items="flex-start")
         self.table = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.file.param.watch(lambda event: self._dropped(event.new), "value")
         self.observable.param.watch(lambda event: self._observable_set(), "value")
@@ -88,7 +88,7 @@ class CalibrateTab:
         drop = pn.pane.HTML(
             "<b>a measured curve</b>: drop a CSV file with a header here, or choose one", margin=(4, 10, 0, 10)
         )
-        columns = wrapped(self.x_column, self.x_unit, self.y_column, self.observable, self.y_unit, self.method)
+        columns = pn.FlexBox(self.x_column, self.x_unit, self.y_column, self.observable, self.y_unit, self.method)
         dropper = pn.Column(sizing_mode="stretch_width", min_height=105)
         page.with_library(FileDropper, lambda: dropper.append(self.file))
         self.panel = pn.Column(
@@ -96,7 +96,7 @@ class CalibrateTab:
             dropper,
             columns,
             self.ticks.panel,
-            wrapped(self.run_button, self.stop_button, self.use_button),
+            pn.FlexBox(self.run_button, self.stop_button, self.use_button),
             self.line.pane,
             self.pictures,
             self.table,

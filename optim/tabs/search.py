@@ -20,7 +20,7 @@ from bokeh.models import ColumnDataSource
 from softgrip_jax.errors import InputError
 from softgrip_jax.explorer.answers import state_of, with_unit
 from softgrip_jax.explorer.looks import BLUE, VERMILION
-from softgrip_jax.explorer.page import CSS, Page, table_html, wrapped
+from softgrip_jax.explorer.page import CSS, Page, table_html
 from softgrip_jax.explorer.session import PRESSURE
 from softgrip_jax.explorer.tabs import Line, Newest, Shape, chart, ended, told
 from softgrip_jax.parameters import between
@@ -77,6 +77,11 @@ class Asked:
     variables: tuple[Any, ...]
     kept: tuple[Limits, ...] = ()
     """Bounds of other observables."""
+
+    @property
+    def task(self) -> dict[str, float]:
+        """The observable that has a value (SI) at every design, as the explorer's states take it."""
+        return dict([self.at]) if isinstance(self.at, tuple) else {}
 
     def problem(self) -> Problem:
         """What `optim.search` takes."""
@@ -258,13 +263,13 @@ class SearchTab:
         self.open_button.on_click(lambda event: self.open_best())
         page.after_opening.append(self._refill)
         ended(page, self._stop.set)
-        wanted = wrapped(self.goal, self.observable, self.target, self.starts)
-        buttons = wrapped(self.run_button, self.stop_button, self.open_button, self.across)
-        pictures = wrapped(self.chart, self.shape.panel)
+        wanted = pn.FlexBox(self.goal, self.observable, self.target, self.starts, sizing_mode="stretch_width")
+        buttons = pn.FlexBox(self.run_button, self.stop_button, self.open_button, self.across)
+        pictures = pn.FlexBox(self.chart, self.shape.panel, sizing_mode="stretch_width", align_items="flex-start")
         self.panel = pn.Column(
             self.ticks.panel,
             wanted,
-            wrapped(*(box for row in self.keeps for box in (row.observable, row.side, row.bound))),
+            pn.FlexBox(*(box for row in self.keeps for box in (row.observable, row.side, row.bound))),
             self.margin,
             buttons,
             self.line.pane,
@@ -386,13 +391,13 @@ class SearchTab:
             )
             if now - drawn["shape"] > SHAPE_SECONDS and seen.best_x.size and drawn["value"] != seen.best_value:
                 drawn["shape"], drawn["value"] = now, seen.best_value
-                state = state_of(scene_at(problem, seen.best_x), asked.pressure)
+                state = state_of(scene_at(problem, seen.best_x), asked.pressure, asked.task)
                 if state.ok:
                     draw.put(state.sections)
 
         with told(self.page, self._end, "The search was stopped before its first step; there is no best yet."):
             found = search(problem, starts=asked.starts, steps=STEPS, report=report, evaluator=make)
-            state = state_of(scene_at(problem, found.best.x), asked.pressure)
+            state = state_of(scene_at(problem, found.best.x), asked.pressure, asked.task)
             sections = state.sections if state.ok else ()
             seconds = time.monotonic() - began
             frame = batch[0].frame()

@@ -54,6 +54,19 @@ COLLECTED = (50_000, 20, 100)
 for commands, a picture waits for a tenth of a second now and then."""
 
 
+def check_free(host: str, port: int) -> None:
+    """InputError where nobody can listen at a port; 0 is any."""
+    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            reason = (error.strerror or str(error)).lower()
+            raise InputError(
+                f"The explorer cannot listen at {host}, port {port}: {reason}; give another --port."
+            ) from None
+
+
 def check_token(handler: Any, token: str) -> None:
     """HTTPError for a browser that does not know the token, in the address or in the cookie that this leaves there.
 
@@ -127,13 +140,8 @@ class Front:
 
     def __init__(self, make: Callable[[], Session], host: str, port: int):
         self.make = make
-        try:
-            self.sockets = bind_sockets(port, address=host)
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise InputError(
-                f"The explorer cannot listen at {host}, port {port}: {reason}; give another --port."
-            ) from None
+        check_free(host, port)
+        self.sockets = bind_sockets(port, address=host)
         self.port = self.sockets[0].getsockname()[1]
         is_local = host in LOCAL
         shown = f"[{host}]" if ":" in host else "localhost" if is_local else host

@@ -47,10 +47,7 @@ pre.sg { white-space: pre-wrap; font-size: 12px; background: #f4f4f4; padding: 8
 """
 READ = """
 const {name, scripts} = cb_obj.data;
-for (const addresses of scripts) {
-  for (const address of addresses) await window.softgrip.library(address);
-}
-read.data = {name};
+Promise.all(scripts.flat().map(window.softgrip.library)).then(() => { read.data = {name}; });
 """
 """Reads the scripts of libraries in the browser, and tells when they are there."""
 
@@ -66,12 +63,6 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
         ]
         body.append(f"<tr>{''.join(cells)}</tr>")
     return f'<table class="sg">{top}{"".join(body)}</table>'
-
-
-def wrapped(*parts: Any, **further: Any) -> Any:
-    """What stands side by side where there is room."""
-    styles = {"flex-wrap": "wrap", "align-items": "flex-end"} | further.pop("styles", {})
-    return pn.Row(*parts, sizing_mode="stretch_width", styles=styles, **further)
 
 
 class Slider(pn.widgets.FloatSlider):
@@ -180,7 +171,7 @@ class Page:
         self.rows = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.pictures = pn.Column(sizing_mode="stretch_width", min_height=340)
         self.numbers = pn.Column(sizing_mode="stretch_width")
-        self.choices = wrapped()
+        self.choices = pn.FlexBox(sizing_mode="stretch_width")
         self.curve = CurveView(self._dragged)
         self.helps = HelpView(self._clicked)
         self.space = pn.Column(sizing_mode="stretch_width", height=420)
@@ -254,7 +245,7 @@ class Page:
         )
         title = pn.pane.HTML(f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>")
         self.title = title
-        body = wrapped(left, middle, right, styles={"align-items": "flex-start"})
+        body = pn.FlexBox(left, middle, right, sizing_mode="stretch_width", align_items="flex-start")
         page = pn.Column(title, self.told, body, self.tabs, sizing_mode="stretch_width", max_width=1900)
         return page
 
@@ -278,9 +269,9 @@ class Page:
         compare.on_click(lambda event: self.in_background(self._compare_models))
         self.model.param.watch(self._model_chosen, "value")
         tabs = pn.Tabs(
-            ("Pins", pn.Column(wrapped(pin, unpin), self.compared, sizing_mode="stretch_width")),
-            ("Out", pn.Column(wrapped(*out), self.code, sizing_mode="stretch_width")),
-            ("Models", pn.Column(wrapped(compare, self.model), self.models, sizing_mode="stretch_width")),
+            ("Pins", pn.Column(pn.FlexBox(pin, unpin), self.compared, sizing_mode="stretch_width")),
+            ("Out", pn.Column(pn.FlexBox(*out), self.code, sizing_mode="stretch_width")),
+            ("Models", pn.Column(pn.FlexBox(compare, self.model), self.models, sizing_mode="stretch_width")),
             sizing_mode="stretch_width",
         )
         for name, point in plugins.found(TABS).items():
@@ -298,7 +289,11 @@ class Page:
 
         def work(tell: Tell) -> None:
             made = point.load()
-            self.later(lambda: empty.clear() or empty.append(made(self)))
+
+            def shown() -> None:
+                empty.objects = [made(self)]
+
+            self.later(shown)
 
         self.in_background(work)
 

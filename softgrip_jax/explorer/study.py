@@ -36,7 +36,7 @@ from ..study.dataset import designs_in, pieces, quantities_of, rows_of, variable
 from ..study.store import BEGUN, OLD_RESULT, STORE, opened
 from ..units import DISPLAY
 from .answers import with_unit
-from .page import Page, wrapped
+from .page import Page
 from .tabs import Line, chart
 
 DEEP, MOST_FOLDERS, MOST_STUDIES = 6, 3000, 200
@@ -280,12 +280,12 @@ class StudyTab:
         for menu in (self.map_x, self.map_y, self.map_value):
             menu.param.watch(lambda event: self._map_again(), "value")
         self.points.selected.on_change("indices", lambda attribute, old, new: self._tapped(new))
-        self.axes = wrapped(self.x, self.y, self.map_x, self.map_y, self.map_value, visible=False)
+        self.axes = pn.FlexBox(self.x, self.y, self.map_x, self.map_y, self.map_value, visible=False)
         self.panel = pn.Column(
-            wrapped(self.menu, self.open_button, self.again),
+            pn.FlexBox(self.menu, self.open_button, self.again, align_items="flex-end"),
             self.line.pane,
             self.axes,
-            wrapped(self.scatter, self.map),
+            pn.FlexBox(self.scatter, self.map, sizing_mode="stretch_width", align_items="flex-start"),
             self.parallel,
             sizing_mode="stretch_width",
         )
