@@ -174,7 +174,7 @@ class Page:
         self.choices = pn.FlexBox(sizing_mode="stretch_width")
         self.curve = CurveView(self._dragged)
         self.helps = HelpView(self._clicked)
-        self.space = pn.Column(sizing_mode="stretch_width", height=420)
+        self.space: Any = pn.Column(sizing_mode="stretch_width", height=420)
         self.observable = pn.widgets.Select(
             name="curve and elasticities of", options=list(session.observables), value=session.observable, width=220
         )

@@ -11,6 +11,7 @@ from bokeh.core.validation.warnings import EMPTY_LAYOUT
 from bokeh.server.auth_provider import AuthProvider
 from bokeh.server.tornado import BokehTornado
 from jinja2 import Template
+from panel.io.application import build_applications
 
 from .page import page_of
 from .session import Session
@@ -57,11 +58,12 @@ def server_of(
 
     def page() -> Any:  # Panel takes plain functions only
         found = page_of(make)
-        pn.state.curdoc.template = ITEM
+        document: Any = pn.state.curdoc
+        document.template = ITEM
         return found
 
     return BokehTornado(
-        pn.io.application.build_applications({place: page}, title="softgrip explore", location=False),
+        build_applications({place: page}, title="softgrip explore", location=False),
         extra_websocket_origins=origins,
         websocket_max_message_size_bytes=largest,
         session_token_expiration=EXPIRES,

@@ -268,7 +268,7 @@ class StudyTab:
         self.map_value = pn.widgets.Select(name="map of", options=[], width=180)
         self.line = Line()
         self.points = ColumnDataSource({})
-        self.parallel = pn.Column(sizing_mode="stretch_width", height=330)
+        self.parallel: Any = pn.Column(sizing_mode="stretch_width", height=330)
         self.scatter, self.map = pn.Column(sizing_mode="stretch_width"), pn.Column(sizing_mode="stretch_width")
         for column in (self.scatter, self.map):
             column.styles, column.min_width = {"flex": "1 1 380px"}, 260
