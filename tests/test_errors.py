@@ -21,7 +21,7 @@ TESTED = {
     "softgrip_jax/explorer/study.py": "told on the page: a thread has nobody else to tell, and a store may be damaged",
     "softgrip_jax/explorer/tabs.py": "told on the page: a thread has nobody else to tell",
     "softgrip_jax/explorer/latest.py": "told on the page; the thread goes on with the next question",
-    "softgrip_jax/explorer/start.py": "raised again in the thread that waits for the server",
+    "softgrip_jax/explorer/front.py": "raised again in the thread that serves",
     "softgrip_jax/verify/kept.py": "a file that holds no verification is named",
     "softgrip_jax/study/cluster.py": "what Dask says of an address or of certificates is a mistake in them",
     "softgrip_jax/study/store.py": "a chunk that cannot be read, for whatever reason, is computed again",

@@ -1,18 +1,29 @@
 """The explorer without a browser: what moves, what is answered, what is told, and that nothing queues."""
 
+import asyncio
 import dataclasses
+import re
 import threading
 import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
+from softgrip_jax.errors import InputError
 from softgrip_jax.explorer.controls import numbers_of
 from softgrip_jax.explorer.latest import Latest
 from softgrip_jax.explorer.session import PRESSURE, Session, answer
 from softgrip_jax.units import kPa, mm
+
+pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
+from tornado.web import Application, RequestHandler
+
+from softgrip_jax.explorer.front import Front
 
 
 def plane():
@@ -129,6 +140,26 @@ def test_what_is_taken_along_gives_the_same(first, tmp_path, capsys):
     assert session.picture("svg").startswith(b"<?xml")
 
 
+def test_a_force_that_is_asked_for_finds_its_pressure(tmp_path):
+    session = answered(Session(plane(), None, {"force": 10.0}))
+    assert session.has_task
+    assert float(sg.solve(plane(), session.values[PRESSURE]).force) == pytest.approx(10, rel=1e-9)
+    assert session.task_words() == "at the pressure with force 10 N"
+    file = tmp_path / "explored.toml"
+    file.write_text(session.toml(), encoding="utf-8")
+    assert configs.question(configs.load(file)) == {"force": 10.0}
+    assert "force=10.0" in session.python()
+    session.move("distance_mm", 0.6)
+    answered(session)
+    found = sg.solve(session.current(), session.values[PRESSURE])
+    assert float(found.force) == pytest.approx(10, rel=1e-9)
+    session.move(PRESSURE, 0.3)
+    assert not session.own_task
+    assert session.question().pressure == session.values[PRESSURE]
+    session.open(sg.shell.Free(plane().shell))  # it has no force
+    assert not session.has_task
+
+
 def test_choices_keep_the_numbers_that_both_have():
     session = Session(plane(), 15 * kPa)
     session.type_in("shell.a_mm", "15")
@@ -214,7 +245,6 @@ class Document:
 
 def test_nothing_changes_while_a_page_is_on_its_way():
     """Until the browser has the page, what is to be shown waits; then it comes, in its order."""
-    pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
     from softgrip_jax.explorer.page import Page
 
     page, done = object.__new__(Page), []
@@ -270,3 +300,112 @@ def test_a_fault_does_not_end_the_thread():
     work.close()
     assert found == [2]
     assert isinstance(told[0], ZeroDivisionError)
+
+
+# --- the server -------------------------------------------------------------------------------------------------------
+
+
+class Behind(Application):
+    """In the place of Panel's server."""
+
+    def __init__(self):
+        class Answer(RequestHandler):
+            def get(self):
+                self.write("a page")
+
+        super().__init__([("/explorer", Answer)])
+
+    def initialize(self, loop):
+        pass
+
+    start = stop = lambda self: None
+
+
+@contextmanager
+def front(host="localhost"):
+    """(a server that runs, what makes its second part come)."""
+    comes, made = threading.Event(), Front(lambda: None, host, 0)
+
+    def explorer():
+        comes.wait(10)
+        return Behind()
+
+    made._explorer = explorer
+
+    def run():
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        made.run()
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield made, comes
+    finally:
+        comes.set()
+        made.stop()
+        thread.join(10)
+        assert not thread.is_alive()
+
+
+def get(address):
+    """(status, body)."""
+    try:
+        with urllib.request.urlopen(address, timeout=10) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, ""
+
+
+def test_the_frame_is_there_before_the_page():
+    found = []
+    with front() as (made, comes):
+        status, frame = get(made.address)
+        assert status == 200
+        for script in re.findall(r'src="(static/[^"]+)"', frame):
+            assert get(made.address + script)[0] == 200
+        asked = threading.Thread(target=lambda: found.append(get(f"{made.address}explorer")))
+        asked.start()
+        asked.join(0.3)
+        assert found == []
+        comes.set()
+        asked.join(10)
+    assert found == [(200, "a page")]
+
+
+def test_a_fault_of_the_page_ends_its_server():
+    made, raised = Front(lambda: None, "localhost", 0), []
+
+    def faulty():
+        raise ZeroDivisionError
+
+    def run():
+        asyncio.set_event_loop(asyncio.new_event_loop())
+        try:
+            made.run()
+        except ZeroDivisionError as error:
+            raised.append(error)
+
+    made._explorer = faulty
+    thread = threading.Thread(target=run)
+    thread.start()
+    thread.join(10)
+    assert len(raised) == 1
+
+
+def test_another_host_needs_the_token():
+    with front("127.0.0.2") as (made, _):
+        bare = made.address.partition("?")[0]
+        assert get(bare)[0] == 403
+        assert get(f"{bare}?token=guessed")[0] == 403
+        assert get(made.address)[0] == 200
+
+
+def test_files_outside_of_the_scripts_are_not_given():
+    with front() as (made, _):
+        for path in ("static/../../../../etc/passwd", "static/js/%2e%2e/%2e%2e/%2e%2e/server.py", "static//etc/passwd"):
+            assert get(made.address + path)[0] in (403, 404)
+
+
+def test_a_port_that_is_taken_is_told():
+    with front() as (made, _), pytest.raises(InputError, match="cannot listen at localhost, port"):
+        Front(lambda: None, "localhost", made.port)

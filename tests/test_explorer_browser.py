@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import threading
+import urllib.request
 
 import pytest
 
@@ -122,8 +123,9 @@ def test_another_origin_is_refused(address):
     """A page of another site cannot open the WebSocket."""
     head = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
     head |= {"Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==", "Origin": "http://elsewhere.example"}
+    urllib.request.urlopen(f"{address}explorer", timeout=60).close()  # until Panel's server is there
     connection = http.client.HTTPConnection(address.split("/")[2], timeout=10)
-    connection.request("GET", "/ws", headers=head)
+    connection.request("GET", "/explorer/ws", headers=head)
     assert connection.getresponse().status == 403
     connection.close()
 

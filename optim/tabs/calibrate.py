@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import panel as pn
 from bokeh.models import ColumnDataSource, HoverTool, Span
+from panel.models.file_dropper import FileDropper
 
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import BLUE, VERMILION
@@ -88,9 +89,11 @@ class CalibrateTab:
             "<b>a measured curve</b>: drop a CSV file with a header here, or choose one", margin=(4, 10, 0, 10)
         )
         columns = pn.FlexBox(self.x_column, self.x_unit, self.y_column, self.observable, self.y_unit, self.method)
+        dropper = pn.Column(sizing_mode="stretch_width", min_height=105)
+        page.with_library(FileDropper, lambda: dropper.append(self.file))
         self.panel = pn.Column(
             drop,
-            self.file,
+            dropper,
             columns,
             self.ticks.panel,
             pn.FlexBox(self.run_button, self.stop_button, self.use_button),

@@ -78,6 +78,11 @@ class Asked:
     kept: tuple[Limits, ...] = ()
     """Bounds of other observables."""
 
+    @property
+    def task(self) -> dict[str, float]:
+        """The observable that has a value (SI) at every design, as the explorer's states take it."""
+        return dict([self.at]) if isinstance(self.at, tuple) else {}
+
     def problem(self) -> Problem:
         """What `optim.search` takes."""
         at = None if self.observable == LIMIT_PRESSURE else self.at
@@ -317,9 +322,9 @@ class SearchTab:
         kind = self._kind(observable)
         target = typed(self.target.value, kind, "The target") if KINDS[self.goal.value].has_target else None
         pressure = None if session.own_task else session.values[PRESSURE]
-        at = REQUIRED if pressure is None else pressure
+        at = next(iter(session.task.items()), REQUIRED) if pressure is None else pressure
         if observable == "pressure" and pressure is not None:
-            raise InputError("The pressure is that of its slider; tick the box of the own task to search for it.")
+            raise InputError("The pressure is that of its slider; tick the box below the menus to search for it.")
         return Asked(
             session.current(),
             tuple(self.ticks.keys),
@@ -386,13 +391,13 @@ class SearchTab:
             )
             if now - drawn["shape"] > SHAPE_SECONDS and seen.best_x.size and drawn["value"] != seen.best_value:
                 drawn["shape"], drawn["value"] = now, seen.best_value
-                state = state_of(scene_at(problem, seen.best_x), asked.pressure)
+                state = state_of(scene_at(problem, seen.best_x), asked.pressure, asked.task)
                 if state.ok:
                     draw.put(state.sections)
 
         with told(self.page, self._end, "The search was stopped before its first step; there is no best yet."):
             found = search(problem, starts=asked.starts, steps=STEPS, report=report, evaluator=make)
-            state = state_of(scene_at(problem, found.best.x), asked.pressure)
+            state = state_of(scene_at(problem, found.best.x), asked.pressure, asked.task)
             sections = state.sections if state.ok else ()
             seconds = time.monotonic() - began
             frame = batch[0].frame()

@@ -30,7 +30,7 @@ def run_explore(config: Path, scene: str | None, host: str, port: int, opens: bo
 
     first = session_of_config(config, scene)
     typer.echo(f"{config}: {first.title()}; the first picture is being compiled", err=True)
-    from ..explorer.serve import serve
+    from ..explorer.front import serve
 
     def tell(address: str) -> None:
         typer.echo(f"The explorer is at {address} (Ctrl-C ends it).")

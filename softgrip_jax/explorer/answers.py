@@ -64,7 +64,8 @@ class Programs:
         self._kept: dict[Any, Any] = {}
         self._locks: defaultdict[Any, threading.Lock] = defaultdict(threading.Lock)
 
-    def __call__(self, function: Any, *args: Any) -> Any:
+    def traced(self, function: Any, *args: Any) -> Any:
+        """The program for arguments like these; XLA compiles it when it is first called."""
         leaves, structure = jax.tree.flatten(args)
         words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
         key = (function, structure, words, tuple(np.shape(leaf) for leaf in leaves))
@@ -73,7 +74,10 @@ class Programs:
             with self._locks[key]:
                 if key not in self._kept:
                     self._kept[key] = program(function, *args, options=QUICKLY)
-        return self._kept[key](*args)
+        return self._kept[key]
+
+    def __call__(self, function: Any, *args: Any) -> Any:
+        return self.traced(function, *args)(*args)
 
 
 programs = Programs()
@@ -130,12 +134,17 @@ class Helps:
     bars: tuple[tuple[str, float], ...]
 
 
-def state_of(scene: Scene, pressure: float | None) -> State:
-    """The state of a scene at a pressure (Pa), or where it does its own task."""
+def asked_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> tuple[Any, ...]:
+    """A program and its arguments, that find the state of a scene at a pressure (Pa), or that of a task."""
     if pressure is None:
-        solution = programs(_pressure_for, *to_reach(scene))
-    else:
-        solution = programs(equilibrium, *to_solve(scene, pressure))
+        return _pressure_for, *to_reach(scene, **task)
+    return equilibrium, *to_solve(scene, pressure)
+
+
+def state_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> State:
+    """The state of a scene at a pressure (Pa); without one, where an observable has a value (SI), as task says, or
+    where the scene does a task of its own."""
+    solution = programs(*asked_of(scene, pressure, task))
     status = Status(int(solution.status))
     ok = status is Status.OK
     known = sorted(((n, float(m)) for n, m in solution.margins.items() if np.isfinite(m)), key=lambda pair: pair[1])

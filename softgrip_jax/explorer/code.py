@@ -63,9 +63,11 @@ def _same(value: Any, default: Any) -> bool:
         return False
 
 
-def solving(scene: Scene, pressure: float | None) -> str:
-    """The program that solves a scene at a pressure (Pa), or for its own task."""
-    asked = f"sg.pressure_for({python_of(scene)})"
+def solving(scene: Scene, pressure: float | None, task: dict[str, float]) -> str:
+    """The program that solves a scene at a pressure (Pa), or for a task: an observable's value in SI, or the scene's
+    own where there is none."""
+    wanted = "".join(f", {name}={value!r}" for name, value in task.items())
+    asked = f"sg.pressure_for({python_of(scene)}{wanted})"
     if pressure is not None:
         asked = f"sg.solve({python_of(scene)}, {pressure / kPa:.12g} * kPa)"
     return f"import softgrip_jax as sg\nfrom softgrip_jax.units import degree, gram, kPa, mm, N_mm\n\nprint({asked})\n"

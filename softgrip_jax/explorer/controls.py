@@ -267,7 +267,7 @@ def _bases_at(cls: type, path: tuple[str, ...]) -> tuple[type, ...]:
     return bases
 
 
-def as_config(scene: Scene, pressure: float | None) -> str:
-    """The scene as a config, with its pressure (Pa) in [solve]."""
-    solve = {} if pressure is None else {"solve": {"pressure_kPa": float(f"{pressure / kPa:.12g}")}}
+def as_config(scene: Scene, asked: dict[str, float]) -> str:
+    """The scene as a config, with what is asked of it in [solve], by keys with their unit."""
+    solve = {"solve": {key: float(f"{value:.12g}") for key, value in asked.items()}} if asked else {}
     return configs.dump(scene, "From softgrip explore.", **solve)

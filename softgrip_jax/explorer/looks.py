@@ -160,8 +160,12 @@ class View:
 
     def show(self, section: Section) -> None:
         """Fill it again."""
-        areas, self.lines.data, self.words.data = areas_and_lines(section)
+        areas, lines, words = areas_and_lines(section)
         self._frame(section)
+        if words != self.words.data:
+            self.words.data = words
+        if lines["xs"] or len(self.lines.data["xs"]):
+            self.lines.data = lines
         self.areas.data = areas
 
     def _frame(self, section: Section) -> None:

@@ -18,7 +18,10 @@ def compared(session: Session, tell: Tell) -> tuple[tuple[list[str], list[list[s
     values = []
     for k, model in enumerate(ladder):
         tell("models solved", k, len(ladder))
-        found = pressure_for(model.scene) if session.own_task else solve(model.scene, session.values[PRESSURE])
+        if session.own_task:
+            found = pressure_for(model.scene, **session.task)
+        else:
+            found = solve(model.scene, session.values[PRESSURE])
         good = int(found.status) == Status.OK
         value = np.asarray(found.observables[name])
         values.append(float(value if component is None else value[component]) if good else np.nan)

@@ -11,7 +11,8 @@ from io import BytesIO, StringIO
 from typing import Any
 
 import panel as pn
-from bokeh.models import CustomJS
+from bokeh.models import ColumnDataSource, CustomJS
+from panel.models.plotly import PlotlyPlot
 
 from .. import plugins
 from ..errors import InputError
@@ -44,43 +45,11 @@ table.sg td.n { font-weight: 600; white-space: nowrap; }
 table.sg td.e { color: #4a4a4a; font-size: 12px; }
 pre.sg { white-space: pre-wrap; font-size: 12px; background: #f4f4f4; padding: 8px; }
 """
-GONE = """
-const say = (text) => {
-  let bar = document.getElementById('softgrip-gone');
-  if (!bar) {
-    bar = document.createElement('div');
-    bar.id = 'softgrip-gone';
-    bar.setAttribute('role', 'alert');
-    bar.style = 'position:fixed;top:0;left:0;right:0;z-index:9999;padding:8px;text-align:center;' +
-                'background:#8a1c0c;color:#fff;font-family:system-ui,sans-serif';
-    document.body.appendChild(bar);
-  }
-  bar.textContent = text;
-};
-let gone = false;
-document.documentElement.lang = 'en';
-setInterval(async () => {
-  try {
-    await fetch('/alive', {cache: 'no-store', signal: AbortSignal.timeout(3000)});
-    if (gone) window.location.reload();
-  } catch {
-    gone = true;
-    say('The server has stopped. This page connects again as soon as it is back.');
-  }
-}, 1000);
+READ = """
+const {name, scripts} = cb_obj.data;
+Promise.all(scripts.flat().map(window.softgrip.library)).then(() => { read.data = {name}; });
 """
-"""The page asks once a second whether its server is there, says so where it is not, and loads again once it is."""
-
-KEYS = """
-document.addEventListener('keydown', (event) => {
-  const at = event.composedPath()[0];
-  if ((event.key === 'Enter' || event.key === ' ') && at.classList && at.classList.contains('bk-tab')) {
-    event.preventDefault();
-    at.click();
-  }
-});
-"""
-"""Bokeh's tabs are reached by keyboard and listen to the mouse alone: Enter and Space click them."""
+"""Reads the scripts of libraries in the browser, and tells when they are there."""
 
 
 def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] = ("n",)) -> str:
@@ -107,7 +76,6 @@ class Control:
 
     def __init__(self, number: Number, value: float, moved: Callable, typed: Callable):
         self.key = number.key
-        self.wrong = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width", visible=False)
         self.slider = Slider(
             name=number.key,
             start=0,
@@ -122,12 +90,8 @@ class Control:
         self.box = pn.widgets.TextInput(
             value=number.shown(value), width=86, margin=(2, 4), placeholder=number.label, name=number.label or "value"
         )
-        self.words = pn.pane.HTML(
-            self._meaning(number),
-            stylesheets=[CSS],
-            margin=(0, 10),
-            sizing_mode="stretch_width",
-        )
+        self._meant = self._meaning(number)
+        self.words = pn.pane.HTML(self._meant, stylesheets=[CSS], margin=(0, 10), sizing_mode="stretch_width")
         self._own = False
 
         def slid(event: Any) -> None:
@@ -143,7 +107,6 @@ class Control:
         self.row = pn.Column(
             pn.Row(self.slider, self.box, sizing_mode="stretch_width"),
             self.words,
-            self.wrong,
             sizing_mode="stretch_width",
             margin=(0, 0, 4, 0),
         )
@@ -158,26 +121,26 @@ class Control:
     def _place(number: Number, value: float) -> float:
         return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
 
-    def show(self, number: Number, value: float, with_slider: bool = True, with_box: bool = True) -> None:
-        """Show a value without asking again."""
+    def show(
+        self, number: Number, value: float, wrong: str = "", with_slider: bool = True, with_box: bool = True
+    ) -> None:
+        """Show a value without asking again, and what is wrong with it."""
         self._own = True
         try:
             if with_slider:
                 self.slider.value = self._place(number, value)
             if with_box:
                 self.box.value = number.shown(value)
-            self.words.object = self._meaning(number)
         finally:
             self._own = False
-        self.say("")
+        self._meant = self._meaning(number)
+        self.say(wrong)
 
     def say(self, sentence: str) -> None:
         """What is wrong with this number, beneath it."""
-        if sentence or self.wrong.visible:
-            self.wrong.object = (
-                f'<div class="sg-told sg-wrong" role="alert">{escape(sentence)}</div>' if sentence else ""
-            )
-            self.wrong.visible = bool(sentence)
+        wrong = f'<div class="sg-told sg-wrong" role="alert">{escape(sentence)}</div>' if sentence else ""
+        if self.words.object != self._meant + wrong:
+            self.words.object = self._meant + wrong
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,12 +174,12 @@ class Page:
         self.choices = pn.FlexBox(sizing_mode="stretch_width")
         self.curve = CurveView(self._dragged)
         self.helps = HelpView(self._clicked)
-        self.space = pn.pane.Plotly(None, sizing_mode="stretch_width", height=420, visible=True)
+        self.space: Any = pn.Column(sizing_mode="stretch_width", height=420)
         self.observable = pn.widgets.Select(
             name="curve and elasticities of", options=list(session.observables), value=session.observable, width=220
         )
         self.observable.param.watch(self._looked, "value")
-        self.task = pn.widgets.Checkbox(name="at the pressure that its own task needs", value=session.own_task)
+        self.task = pn.widgets.Checkbox(value=session.own_task)
         self.task.param.watch(self._task_set, "value")
         self.compared = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.code = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
@@ -224,6 +187,8 @@ class Page:
         self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
         self.after_opening: list[Callable[[], None]] = []
         """Called whenever another scene is shown: its numbers and choices may be others."""
+        self._unread: dict[int, tuple[Any, Any]] = {}
+        """Tabs that nobody has opened yet, by their place: what makes them, and where that goes."""
         self.tabs = self._tabs()
         self._ladder: list[Any] = []
         self._fill_controls()
@@ -236,6 +201,12 @@ class Page:
             lambda asked, error: self._failed(asked[0], error),
             PAUSE,
         )
+        self._libraries: set[Any] = set()
+        self._wanted: dict[Any, list[Callable[[], None]]] = {}
+        self.wanted, self.read_now = ColumnDataSource({"name": [], "scripts": []}), ColumnDataSource({"name": []})
+        self.wanted.js_on_change("data", CustomJS(args={"read": self.read_now}, code=READ))
+        self.read_now.on_change("data", lambda attribute, old, new: self._library_read(new["name"]))
+        self.curve.figure.tags = [self.wanted]  # what nothing of the page refers to does not reach the browser
         self.layout = self._layout()
         self.ask()
 
@@ -304,9 +275,27 @@ class Page:
             sizing_mode="stretch_width",
         )
         for name, point in plugins.found(TABS).items():
-            tabs.append((name, point.load()(self)))
-        tabs.param.watch(lambda event: self._show_code(), "active")
+            empty = pn.Column(pn.pane.HTML("reading ...", stylesheets=[CSS]), sizing_mode="stretch_width")
+            self._unread[len(tabs)] = (point, empty)
+            tabs.append((name, empty))
+        tabs.param.watch(lambda event: self._turned_to(event.new), "active")
         return tabs
+
+    def _turned_to(self, place: int) -> None:
+        self._show_code()
+        point, empty = self._unread.pop(place, (None, None))
+        if point is None or empty is None:
+            return
+
+        def work(tell: Tell) -> None:
+            made = point.load()
+
+            def shown() -> None:
+                empty.objects = [made(self)]
+
+            self.later(shown)
+
+        self.in_background(work)
 
     def _fill_controls(self) -> None:
         session = self.session
@@ -317,6 +306,7 @@ class Page:
         self.numbers.objects = [control.row for control in self.controls.values()]
         self.choices.objects = [self._menu(choice) for choice in session.choices.values()]
         self.task.visible = session.has_task
+        self.task.name = session.task_words()
         self.task.value = session.own_task
         if list(self.observable.options) != list(session.observables):
             self.observable.param.update(options=list(session.observables), value=session.observable)
@@ -343,8 +333,8 @@ class Page:
 
     def _moved(self, control: Control, place: float) -> None:
         sentence = self.session.move(control.key, place)
-        control.show(self.session.numbers[control.key], self.session.values[control.key], with_slider=False)
-        self._done(control, sentence)
+        self._done(control, sentence)  # the picture is on its way while the box is filled
+        control.show(self.session.numbers[control.key], self.session.values[control.key], sentence, with_slider=False)
 
     def _typed(self, control: Control, text: str) -> None:
         sentence = self.session.type_in(control.key, text)
@@ -418,7 +408,7 @@ class Page:
 
     def _turned(self, event: Any) -> None:
         if event.new == 1:
-            self._show_space()
+            self.with_library(PlotlyPlot, self._show_space)
 
     def _file(self, kind: str) -> Any:
         session = self.session
@@ -446,6 +436,23 @@ class Page:
         if event.new is not None:
             self.open_scene(self._ladder[event.new].scene)
 
+    # --- libraries of the browser -------------------------------------------------------------------------------------
+
+    def with_library(self, model: Any, act: Callable[[], None]) -> None:
+        """Do something with the page once the browser has the scripts of a model of Panel's, which few pages need."""
+        if self.document is None or model in self._libraries:
+            act()
+            return
+        self._wanted.setdefault(model, []).append(act)
+        names, scripts = [m.__name__ for m in self._wanted], [m.__javascript__ for m in self._wanted]
+        self.wanted.data = {"name": names, "scripts": scripts}
+
+    def _library_read(self, names: list[str]) -> None:
+        for model in [model for model in self._wanted if model.__name__ in names]:
+            self._libraries.add(model)
+            for act in self._wanted.pop(model):
+                act()
+
     # --- from other threads -------------------------------------------------------------------------------------------
 
     def later(self, act: Callable[[], None]) -> None:
@@ -453,13 +460,14 @@ class Page:
 
         Until the browser has the whole page this waits: what changes while a page is on its way may be lost.
         """
-        if self.document is None:
+        document = self.document
+        if document is None:
             return
         with self._lock:
             if self._waiting is not None:
                 self._waiting.append(act)
                 return
-        self.document.add_next_tick_callback(partial(_at_once, act))
+        document.add_next_tick_callback(partial(_at_once, act))
 
     def _loaded(self) -> None:
         with self._lock:
@@ -542,7 +550,7 @@ class Page:
             for view, section in zip(self.views, state.sections, strict=True):
                 view.show(section)
         if self.picture_tabs.active == 1:
-            self._show_space()
+            self.with_library(PlotlyPlot, self._show_space)
 
     def _show_words(self, state: State, question: Question, kind: str) -> None:
         """The numbers of the picture that is shown: of the last good one where this state is none."""
@@ -570,7 +578,11 @@ class Page:
         if self.session.good is None:
             return
         try:
-            self.space.object = space_figure(self.session.good.solution.mesh())
+            shown = space_figure(self.session.good.solution.mesh())
+            if self.space.objects:
+                self.space[0].object = shown
+            else:
+                self.space.append(pn.pane.Plotly(shown, sizing_mode="stretch_width", height=420))
         except InputError as error:
             self.say(str(error), True)
 
@@ -611,10 +623,9 @@ def page_of(make: Callable[[], Session]) -> Any:
     page = Page(make())
     document = pn.state.curdoc
     if document is not None:
-        document.title = "softgrip explore"
-        document.js_on_event("document_ready", CustomJS(code=GONE + KEYS))
 
         def end(context: Any) -> None:
+            page.document = None  # what is still computed is for nobody
             page.work.close()
             page.further.close()
 

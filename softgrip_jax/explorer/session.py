@@ -10,6 +10,7 @@ import csv
 import dataclasses
 import io
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,10 @@ from ..config.modules import type_name
 from ..errors import InputError
 from ..fidelity import LadderModel, model_ladder
 from ..plausible import units_are_stated
-from ..questions import pressure_for
+from ..results import in_units
 from ..scene import Scene
 from ..units import DISPLAY, kPa, unit_key
-from .answers import CurveData, Helps, State, components, curve_of, helps_of, state_of
+from .answers import CurveData, Helps, State, asked_of, components, curve_of, helps_of, programs, state_of
 from .code import solving
 from .controls import Number, as_config, choices_of, chosen, leaf_index, numbers_of, value_range, with_numbers
 
@@ -47,7 +48,9 @@ class Question:
     numbers: tuple[Number, ...]
     values: dict[str, float]
     pressure: float | None
-    """Pa; None for the scene's own task."""
+    """Pa; None for the task."""
+    task: dict[str, float]
+    """The observable that is to have a value (SI); {} for what the scene itself is to do."""
     observable: str
 
 
@@ -67,11 +70,14 @@ class Session:
 
     Args:
         scene: what to begin with.
-        pressure: gauge pressure, Pa; None for the scene's own task.
+        pressure: gauge pressure, Pa; None for the task.
+        task: the observable that is to have a value (SI), as `pressure_for` takes it; {} where the scene itself knows
+            what it is to do, if anything.
     """
 
-    def __init__(self, scene: Scene, pressure: float | None = FIRST_PRESSURE):
+    def __init__(self, scene: Scene, pressure: float | None = FIRST_PRESSURE, task: dict[str, float] | None = None):
         self.asked = 0
+        self.task = task or {}
         self.good: State | None = None
         """The last answer that has a state."""
         self.curve: CurveData | None = None
@@ -97,12 +103,22 @@ class Session:
 
     @property
     def has_task(self) -> bool:
-        """Whether the scene knows a task of its own, as a grasp with a mass does."""
+        """Whether a pressure can be looked for: of a task that was given, or that the scene itself knows, as a grasp
+        with a mass does."""
+        if self.task:
+            return next(iter(self.task)) in self.scene.prepared().OBSERVABLES
         try:
             self.scene.target()
         except InputError:
             return False
         return True
+
+    def task_words(self) -> str:
+        """What the task is."""
+        for name, value in self.task.items():
+            kind = self.scene.prepared().OBSERVABLES.get(name)
+            return f"at the pressure with {name.replace('_', ' ')} {in_units(value, kind)}" if kind else ""
+        return "at the pressure that its own task needs"
 
     # --- what a user does; each returns a sentence where that cannot be -----------------------------------------------
 
@@ -140,7 +156,7 @@ class Session:
         return ""
 
     def set_own_task(self, wanted: bool) -> str:
-        """Look for the pressure that the scene's own task needs, or at a given pressure."""
+        """Look for the pressure of the task, or look at a given pressure."""
         if wanted and not self.has_task:
             return f"{type(self.scene).__name__} has no task of its own: it needs a mass, or a force."
         self.own_task = wanted
@@ -193,7 +209,7 @@ class Session:
         self.asked += 1
         pressure = None if self.own_task else self.values[PRESSURE]
         numbers = tuple(number for number in self.numbers.values() if number.names)
-        return Question(self.asked, self.scene, numbers, dict(self.values), pressure, self.observable)
+        return Question(self.asked, self.scene, numbers, dict(self.values), pressure, self.task, self.observable)
 
     def current(self) -> Scene:
         """The scene at the sliders; InputError where its numbers do not go together."""
@@ -207,6 +223,9 @@ class Session:
             self.message = stage.message
             if stage.ok:
                 self.good = stage
+                if self.own_task:
+                    self.numbers[PRESSURE] = self.numbers[PRESSURE].holding(stage.pressure)
+                    self.values[PRESSURE] = stage.pressure
         elif isinstance(stage, CurveData):
             self.curve = stage
             if np.isfinite(stage.limit) and stage.limit > 0:
@@ -238,11 +257,14 @@ class Session:
 
     def toml(self) -> str:
         """The scene as a config that `softgrip` reads."""
-        return as_config(self.current(), None if self.own_task else self.values[PRESSURE])
+        kinds = self.scene.prepared().OBSERVABLES
+        asked = self.task.items() if self.own_task else [("pressure", self.values[PRESSURE])]
+        units = {name: (kinds | {"pressure": "pressure"})[name] for name, _ in asked}
+        return as_config(self.current(), {unit_key(n, units[n]): v / DISPLAY[units[n]][1] for n, v in asked})
 
     def python(self) -> str:
         """A program that gives the same state."""
-        return solving(self.current(), None if self.own_task else self.values[PRESSURE])
+        return solving(self.current(), None if self.own_task else self.values[PRESSURE], self.task)
 
     def command(self, file: str = "explored.toml") -> str:
         """The command that gives the same from the config."""
@@ -287,10 +309,16 @@ def scene_of(question: Question) -> Scene:
     return with_numbers(question.scene, list(question.numbers), question.values)
 
 
+def trace(question: Question) -> None:
+    """Have Python do its part of the first answer, so that XLA's is left."""
+    with suppress(InputError):  # it will be told as the answer
+        programs.traced(*asked_of(scene_of(question), question.pressure, question.task))
+
+
 def first_answer(question: Question) -> Iterator[State | str]:
     """The state with its picture, or a sentence where the numbers do not go together."""
     try:
-        yield state_of(scene_of(question), question.pressure)
+        yield state_of(scene_of(question), question.pressure, question.task)
     except InputError as error:
         yield str(error)
 
@@ -324,9 +352,5 @@ def session_of_config(path: Path, name: str | None = None) -> Session:
         asked = configs.question(read)
     except InputError:  # it asks nothing: a sweep, say
         return Session(read.scene)
-    if "pressure" in asked:
-        return Session(read.scene, asked["pressure"])
-    if not asked:
-        return Session(read.scene, None)
-    found = float(pressure_for(read.scene, **asked).pressure)
-    return Session(read.scene, found if np.isfinite(found) else FIRST_PRESSURE)
+    pressure = asked.pop("pressure", None)
+    return Session(read.scene, pressure, asked)

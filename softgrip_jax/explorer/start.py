@@ -6,6 +6,7 @@ import asyncio
 import copy
 import threading
 import webbrowser
+from collections.abc import Callable
 from typing import Any
 
 from ..commands.explore import require_extra
@@ -19,16 +20,16 @@ class Explorer:
 
     Args:
         address: of the page.
+        stop: what ends its server.
 
     Examples:
-        >>> Explorer("http://localhost:5006/").address
+        >>> Explorer("http://localhost:5006/", lambda: None).address
         'http://localhost:5006/'
     """
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, stop: Callable[[], None]):
         self.address = address
-        self._server: Any = None
-        self._loop: Any = None
+        self._stop = stop
         self._ended = threading.Event()
 
     def __repr__(self) -> str:
@@ -36,9 +37,8 @@ class Explorer:
 
     def stop(self) -> None:
         """End the server; pages that are open say so."""
-        if self._loop is not None:
-            self._loop.add_callback(self._loop.stop)
-            self._ended.wait(5)
+        self._stop()
+        self._ended.wait(5)
 
     def wait(self) -> None:
         """Wait until somebody ends the server, in a script for instance."""
@@ -74,43 +74,24 @@ def explore(
     if not isinstance(scene, Scene):
         raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
     require_extra()
-    from .serve import LOCAL, free_port, server_of, warm
+    from .front import Front
     from .session import FIRST_PRESSURE, Session
 
     asked = None if pressure is None else float(require("pressure", pressure, "nonnegative", "pressure"))
     first = Session(scene, FIRST_PRESSURE if asked is None else asked)
     if pressure is None and first.has_task:
         first = Session(scene, None)
-    if host not in LOCAL or port:
-        free_port(host, port)  # an InputError here, not in the thread
-
-    def make() -> Session:
-        return copy.deepcopy(first)
-
-    started: list[Any] = []
-    ready = threading.Event()
-    found = Explorer("")
+    front = Front(lambda: copy.deepcopy(first), host, port)
+    found = Explorer(front.address, front.stop)
 
     def run() -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
         try:
-            server, found.address = server_of(make, host, port)
-            found._server, found._loop = server, server.io_loop
-            server.start()
-        except Exception as error:
-            started.append(error)
-            ready.set()
-            return
-        ready.set()
-        server.io_loop.start()
-        server.stop()
-        found._ended.set()
+            front.run()
+        finally:
+            found._ended.set()
 
-    warm(make)
     threading.Thread(target=run, name="softgrip explorer", daemon=True).start()
-    ready.wait()
-    if started:
-        raise started[0]
     if opens:
         webbrowser.open(found.address)
     return found

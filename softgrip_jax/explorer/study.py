@@ -20,6 +20,7 @@ import panel as pn
 import xarray as xr
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper, TapTool
 from bokeh.palettes import Viridis256
+from panel.models.plotly import PlotlyPlot
 
 from .. import config as configs
 from ..commands.sweep import SweepTable
@@ -267,7 +268,7 @@ class StudyTab:
         self.map_value = pn.widgets.Select(name="map of", options=[], width=180)
         self.line = Line()
         self.points = ColumnDataSource({})
-        self.parallel = pn.pane.Plotly(None, sizing_mode="stretch_width", height=330)
+        self.parallel: Any = pn.Column(sizing_mode="stretch_width", height=330)
         self.scatter, self.map = pn.Column(sizing_mode="stretch_width"), pn.Column(sizing_mode="stretch_width")
         for column in (self.scatter, self.map):
             column.styles, column.min_width = {"flex": "1 1 380px"}, 260
@@ -279,7 +280,6 @@ class StudyTab:
         for menu in (self.map_x, self.map_y, self.map_value):
             menu.param.watch(lambda event: self._map_again(), "value")
         self.points.selected.on_change("indices", lambda attribute, old, new: self._tapped(new))
-        self.parallel.param.watch(lambda event: self.brush(event.new), "restyle_data")
         self.axes = pn.FlexBox(self.x, self.y, self.map_x, self.map_y, self.map_value, visible=False)
         self.panel = pn.Column(
             pn.FlexBox(self.menu, self.open_button, self.again, align_items="flex-end"),
@@ -319,7 +319,8 @@ class StudyTab:
         try:
             name = next((n for n in (self.y.value, self.x.value) if n in self.study.quantities), "")
             scene, at = self.study.scene(row, name, self.session.current())
-            if isinstance(at, str):
+            if isinstance(at, str | tuple):
+                self.session.task = {} if isinstance(at, str) else dict([at])
                 self.session.set_own_task(True)
             self.page.open_scene(scene, at if isinstance(at, float) else None)
         except InputError as error:
@@ -373,13 +374,21 @@ class StudyTab:
         self.axes.visible = True
         self._scatter_again()
         self._map_again()
-        self.parallel.object = parallel_axes(study)
+        self.page.with_library(PlotlyPlot, lambda: self._show_axes(parallel_axes(study)))
         total = designs_in(study.data)
         counts = study.data.attrs.get(BEGUN, {}).get("statuses", {})
         told = [f"{n} {status}" for one in counts.values() for status, n in one.items()][:8]
         part = f", {study.count:,} of them drawn" if study.count < total else ""
         words = f" ({', '.join(told)})" if told else ""
         self.line.say(f"{total:,} designs{part}{words}. A click on a point opens its design.")
+
+    def _show_axes(self, shown: dict[str, Any]) -> None:
+        if self.parallel.objects:
+            self.parallel[0].object = shown
+            return
+        pane = pn.pane.Plotly(shown, sizing_mode="stretch_width", height=330)
+        pane.param.watch(lambda event: self.brush(event.new), "restyle_data")
+        self.parallel.append(pane)
 
     def _scatter_again(self) -> None:
         study = self.study

@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
 
 from ..errors import InputError
 from ..pneunet.finger_scene import FingerScene
@@ -197,8 +196,8 @@ def _finger_parts(solution: Solution, where: Callable[[np.ndarray], np.ndarray])
         parts += [Outline(role, where(body)) for body in (*chamber.walls, thick(roof, place.wall))]
         if previous is not None:
             # Where a wall lies on the one before it both faces are at one place.
-            away, _ = KDTree(previous).query(chamber.near_clamp)
-            touching = np.asarray(away) < 10 * TOUCHES * place.wall
+            apart = chamber.near_clamp[:, None] - previous[None]
+            touching = np.min(np.hypot(*apart.T), axis=0) < 10 * TOUCHES * place.wall
             parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touching)]
         previous = chamber.near_tip
     parts.append(Outline("cover", where(band(line, thickness))))
