@@ -57,7 +57,7 @@ def test_a_root_next_door_with_its_slopes(t):
 
 
 def test_a_slope_leads_on():
-    """What is found says how the root moves: u0 = sqrt(t0), u1 = t1 u0. From there the error left is of second order."""
+    """What is found says how the root moves: u0 = sqrt(t0), u1 = t1 u0. The error left is of second order."""
     found = near(T, known_at(T)).known
     np.testing.assert_allclose(found.moved, jax.jacfwd(lambda t: closed(t)[1])(T), rtol=1e-13)
     np.testing.assert_array_equal(found.t, T)
