@@ -21,7 +21,7 @@ FINGER = sg.PneuNet.table_5_1("A")
         (sg.Ogden(mu=[1e5, 2e3], alpha=[2.0, -4.5]), "Ogden(mu=[100, 2] kPa, alpha=[2, -4.5])"),
         (
             sg.shell.FlatContact(SHELL, distance=5 * mm, model="energy"),
-            f"FlatContact(shell={SHELL}, distance=5 mm, model='energy')",
+            f"FlatContact(shell={SHELL}, distance=5 mm, model='energy', bending=True)",
         ),
         (
             sg.pneunet.Free(FINGER, clamp_angle=np.pi / 6),

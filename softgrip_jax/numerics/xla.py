@@ -66,10 +66,14 @@ def differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
 
         columns, result = jax.jacfwd(of, has_aux=True)([leaves[k] for k in moving])
         columns = jax.tree.map(materialised, columns)
+
+        def spread(direction, axes: int):
+            return jnp.expand_dims(direction, tuple(range(axes)))
+
         tangent = jax.tree.map(
             lambda value, *slopes: sum(
                 # Numbers are multiplied as such: as products of matrices they would take many times as long.
-                jnp.sum(slope * directions[k], axis=tuple(range(value.ndim, slope.ndim)))
+                jnp.sum(slope * spread(directions[k], value.ndim), axis=tuple(range(value.ndim, slope.ndim)))
                 for k, slope in zip(moving, slopes, strict=True)
             ),
             result,

@@ -70,6 +70,16 @@ def test_numbers_of_arrays_and_arrays_of_numbers_are_differentiated_once():
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-14), ours, theirs)
 
 
+def test_arrays_of_arrays_are_differentiated_once():
+    """y = A x and y = x^2 elementwise, whose slopes are A and 2 x on the diagonal."""
+    matrix, x = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), jnp.array([0.5, -2.0])
+    once = differentiated_once(lambda x: (matrix @ x, x**2))
+    first, second = jax.jit(jax.jacfwd(once))(x)
+    np.testing.assert_allclose(first, matrix, rtol=1e-15)
+    np.testing.assert_allclose(second, np.diag(2 * np.asarray(x)), rtol=1e-15)
+
+
+
 def test_what_does_not_move_is_not_differentiated():
     """a sqrt(b) at b = 0 has no slope by b, and one by a."""
     split = differentiated_once(lambda a, b: a * jnp.sqrt(b))
