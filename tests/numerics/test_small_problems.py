@@ -79,7 +79,6 @@ def test_arrays_of_arrays_are_differentiated_once():
     np.testing.assert_allclose(second, np.diag(2 * np.asarray(x)), rtol=1e-15)
 
 
-
 def test_what_does_not_move_is_not_differentiated():
     """a sqrt(b) at b = 0 has no slope by b, and one by a."""
     split = differentiated_once(lambda a, b: a * jnp.sqrt(b))
