@@ -125,8 +125,8 @@ def _in_turn(numbers: Float[Array, "n m"], members: Any, largest: float) -> Mini
         # the energy is compiled once.
         def tried(state):
             guessing, _, _ = state
-            start = select(guessing, (guess, load, guess), flat)
-            met = follow(scene, *start, load, largest)
+            start, start_load, first_guess = select(guessing, (guess, load, guess), flat)
+            met = follow(scene, start, start_load, first_guess, load, largest)
             beside = met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE)
             return jnp.asarray(False), guessing & ~beside, met
 

@@ -85,7 +85,7 @@ def bending_measures(e: Float[Array, "3 5"], aspect: Scalar) -> Float[Array, 6]:
 
 def tangents(e: Float[Array, "3 5"], aspect: Scalar) -> Float[Array, "3 5"]:
     """dx/dX, dx/dY and the second derivatives (XX, XY, YY) of the place, as columns."""
-    return FLAT + e * _tangent_scales(aspect)[None]
+    return jnp.asarray(FLAT) + e * _tangent_scales(aspect)[None]
 
 
 def _tangent_scales(aspect: Scalar) -> Float[Array, 5]:
@@ -111,7 +111,7 @@ def chained_bending(
 
     def crossed(v: Float[Array, 3]) -> Float[Array, "3 3"]:
         """The matrix of i, j: sum over k of the permutation symbol (ijk) times v_k."""
-        return PERMUTATION @ v
+        return jnp.asarray(PERMUTATION) @ v
 
     c11, c12, c22 = (part * np.eye(3) for part in by[:3])
     turned = crossed(sum(part * v for part, v in zip(by[3:], second, strict=True)))
@@ -161,8 +161,8 @@ def clamping(slope: Scalar, load: Scalar, thickness: Scalar, waves: Scalar | flo
 
         4 k (1 - cos(alpha / 2)),        k^2 = N lambda D = (mu t_m^2)^2 (1 - q) (1 + 3 q) / 12,        q = lambda^-4,
 
-    with the tension N (per flat length) and the stiffness D of a strip stretched by lambda. From q = 1/10 to 3/4 it
-    varies by a fifth only, so the N of a long membrane in free space does, N / (mu t_m) = (2 P^2 / 3)^(1/3) with
+    with the tension N (per flat length) and the stiffness D of a neo-Hookean strip stretched by lambda. From q = 1/10 to
+    3/4 it varies by a fifth only, so the N of a long membrane in free space does, N / (mu t_m) = (2 P^2 / 3)^(1/3) with
     P = p a / (mu t_m), and q = 1 / (1 + N / (mu t_m)). Where the layer is as wide as polynomials can follow, at small
     pressures and in thick walls, they bend themselves, and k keeps their slope small: RESOLVED times their number
     times D / a is added to it, as a root of the sum of squares.
