@@ -161,7 +161,7 @@ def clamping(slope: Scalar, load: Scalar, thickness: Scalar, waves: Scalar | flo
 
         4 k (1 - cos(alpha / 2)),        k^2 = N lambda D = (mu t_m^2)^2 (1 - q) (1 + 3 q) / 12,        q = lambda^-4,
 
-    with the tension N (per flat length) and the stiffness D of a neo-Hookean strip stretched by lambda. From q = 1/10 to
+    with the tension N (per flat length) and the stiffness D of a neo-Hookean strip that is stretched. From q = 1/10 to
     3/4 it varies by a fifth only, so the N of a long membrane in free space does, N / (mu t_m) = (2 P^2 / 3)^(1/3) with
     P = p a / (mu t_m), and q = 1 / (1 + N / (mu t_m)). Where the layer is as wide as polynomials can follow, at small
     pressures and in thick walls, they bend themselves, and k keeps their slope small: RESOLVED times their number
