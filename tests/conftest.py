@@ -20,7 +20,8 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # not changed is taken from here.
 gc.set_threshold(1_000_000)
 if jaxlib_version < (0, 11):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+    quickly = "--xla_cpu_use_fusion_emitters=false --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE"
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}"
 # LLVM's optimisation is much of that time, and saves a program that runs a few times nothing; the commands do without
 # it, too. `make test-all` and `make check` go through the optimised programs.
 unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
@@ -67,10 +68,50 @@ LONGEST = [
 """Modules that take more than some twenty seconds of a processor, the longest first."""
 
 
+SISTERS = {
+    "batch": [
+        "test_every_lane_is_solved_or_honestly_labelled[offset]",
+        "test_every_lane_is_solved_or_honestly_labelled[flat]",
+        "test_random_materials_find_the_first_crossing[gent]",
+        "test_random_materials_find_the_first_crossing[mooney]",
+        "test_random_materials_find_the_first_crossing[yeoh]",
+    ],
+    "beam": ["test_held_tip_matches_scipy_at_random_fingers[inextensible]"],
+    "cad": ["test_plates_hold_every_printed_piece_once[bed1]"],
+    "connected": ["test_a_limit_that_a_locking_material_does_not_set_keeps_its_slope[offset]"],
+    "ctrl_c": ["test_ctrl_c_while_xla_compiles[design]", "test_ctrl_c_while_xla_compiles[path]"],
+    "derivatives": [
+        "test_forward_reverse_and_differences_agree[offset-ogden]",
+        "test_forward_reverse_and_differences_agree[flat-yeoh]",
+        "test_forward_reverse_and_differences_agree[inclined-parallel]",
+        "test_inverse_and_limit_can_be_differentiated_twice[cylinder]",
+        "test_lanes_without_a_solution_pass_no_gradient_and_spoil_none[gent]",
+        "test_lanes_without_a_solution_pass_no_gradient_and_spoil_none[neo]",
+    ],
+    "energy": [
+        "test_derivatives_forward_reverse_and_differences_agree[neo-False]",
+        "test_a_thick_wall_bends[6-6]",
+        "test_forces_by_the_usual_polynomials_and_by_more[obstacle2-20-14.8-0.01]",
+    ],
+    "finger_ends": ["test_the_limit_is_where_the_model_ends[rolled up]"],
+    "finger_values": ["test_blocked_force_of_type_a[inextensible-0.127148-1.08029]"],
+    "limits": [
+        "test_limit_pressure_and_its_neighbourhood[cylinder-mooney]",
+        "test_limit_pressure_and_its_neighbourhood[cylinder-ogden]",
+        "test_limit_pressure_and_its_neighbourhood[cylinder-yeoh]",
+    ],
+    "nearby": ["test_the_state_next_door_is_the_one_along_the_whole_way[required]"],
+}
+"""Slow, too: other cases of the same test are in `make test`, these in `make test-all` alone."""
+
+
 def pytest_collection_modifyitems(items):
     """A worker that takes the longest module last would work on alone."""
     place = {f"test_{name}": k for k, name in enumerate(LONGEST)}
     items.sort(key=lambda item: place.get(item.path.stem, len(place)))
+    for item in items:
+        if item.name in SISTERS.get(item.path.stem.removeprefix("test_"), ()):
+            item.add_marker(pytest.mark.slow)
 
 
 MAPPINGS, PAGES = 30_000, 2 * 2**30 // os.sysconf("SC_PAGE_SIZE")

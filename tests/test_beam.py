@@ -168,6 +168,7 @@ def test_hamiltonian_of_the_elastica_is_constant():
     assert np.ptp(np.asarray(invariant)) < 1e-9 * np.abs(invariant[0])
 
 
+@pytest.mark.slow
 def test_slender_finger_under_tension_bends_in_thin_layers():
     """P L^2 / EI = 794: a perturbation grows by e^28 along the beam."""
     f, p = TYPE_A | {"L": 300.0}, 0.02

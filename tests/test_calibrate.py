@@ -71,6 +71,7 @@ def test_the_fit_is_lmfits(fit, noisy):
     assert float(fit.member.sigma[0]) == pytest.approx(np.sqrt(found.redchi) * mm, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth():
     """500 experiments on a plane at an unknown distance, in one vmap: 95 % of the intervals hold the truth."""
     truth = np.array([175 * kPa, 5 * mm])

@@ -221,6 +221,7 @@ SNAPS = {"a": 8.505e-3, "b": 57.05e-3, "t_m": 0.7222e-3, "gap": 13.38e-3, "radiu
 }
 
 
+@pytest.mark.slow
 def test_a_contact_that_begins_with_a_fall_ends_there():
     """A strongly softening shell yields a little where it touches: under pressure it snaps, and no force is reached."""
     numbers = {k: v * 1e3 for k, v in SNAPS.items() if k != "material"}

@@ -99,6 +99,7 @@ def test_the_share_of_a_load_that_can_be_held_is_where_scipy_ends():
         held(1.02 * share)
 
 
+@pytest.mark.slow
 def test_far_offsets_are_reached():
     """Nine tenths of the length aside and more (once NOT_CONVERGED, for a rough point was off the path): all loads at
     once, SciPy's beam."""
@@ -111,6 +112,7 @@ def test_far_offsets_are_reached():
         np.testing.assert_allclose(np.asarray(found.tip_force)[i], force, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_shooting_does_not_cry_wolf():
     """A heavy free finger, which one shot from the clamp misses by 0.34 of its length, and states that are wrong."""
     solution = sg.solve(sg.pneunet.Free(pneunet(TYPE_A), weight=(0.0, -6.0)), 12 * kPa)

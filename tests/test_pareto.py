@@ -161,6 +161,7 @@ def beats(problem, front, times):
     return volume(front.terms, worst) / volume(other, worst)
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("default")
 def test_a_tenth_of_the_solves_of_nsga_ii():
     problem = binh_korn()

@@ -82,6 +82,7 @@ def plan():
     return make(settings.read(configs.load(CONFIG)))
 
 
+@pytest.mark.slow
 def test_a_plan_knows_twice_as_much_as_even_spacing_does(plan):
     """Each number at least twice as well as five points evenly spaced over either curve do."""
     after = plan.half_widths(plan.chosen)

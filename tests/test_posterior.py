@@ -150,6 +150,7 @@ SETS, RANKED = 48, 31
 """Synthetic sets, and draws among which the truth is ranked."""
 
 
+@pytest.mark.slow
 def test_ranks_of_the_truth_are_uniform(erring):
     """Simulation-based calibration (Talts et al. 2018): parameters from the prior, data from them, and the posterior by
     the data; then the truth is as likely to have any rank among the draws. All sets go through one program."""

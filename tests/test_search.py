@@ -297,6 +297,7 @@ def test_every_search_of_the_project_is_read(name):
     assert np.all((start >= 0) & (start <= 1)), "the start is within the bounds"
 
 
+@pytest.mark.slow
 def test_a_curve_that_a_finger_can_have_is_found_again():
     """The shape of a known finger of four segments is followed by least squares from another; its walls come back."""
     walls = np.array([1.3, 1.1, 0.9, 1.2]) * mm

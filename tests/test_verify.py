@@ -132,6 +132,7 @@ def test_a_thin_plate_under_little_pressure_bends_as_a_plate():
     assert plate.observe(state)["inflation"] == pytest.approx(0.00254 * pressure * (32 * mm) ** 4 / rigidity, rel=0.01)
 
 
+@pytest.mark.slow
 def test_free_inflation_is_that_of_other_finite_elements():
     """FElupe 11.3, 27-node hexahedra, three meshes: 7.9015 and 15.7501 mm, uncertain by 0.2 %."""
     (low, high) = list(
@@ -205,6 +206,7 @@ def test_a_tilted_plane_is_pressed_along_its_normal():
 # --- the cell of a finger ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_straight_cell_is_that_of_other_finite_elements():
     """FElupe 11.3, type A at 15 kPa, three meshes: M 7.386 N mm, F 0.8896 N, uncertain by 1 %."""
     (one,) = list(run.compare(lambda parts: CellSolid(FINGER, parts), [run.Target(15e3, 0.0)], (1, 2), silent))[-1]
