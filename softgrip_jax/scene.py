@@ -119,8 +119,11 @@ class BranchSolver(Solver):
         """The solution at the pressure that gives an observable its wanted value."""
 
     @abc.abstractmethod
-    def branch(self, scene: Any, n: int) -> Solution:
-        """n points of the equilibrium curve, through its limit point."""
+    def branch(self, scene: Any, n: int, limit: Found | None = None) -> Solution:
+        """n points of the equilibrium curve, through its limit point.
+
+        limit: what `find_limit` found, where it was asked already.
+        """
 
     def along(self, scene: Any, pressures: Float[Array, " n"]) -> Solution:
         """The solutions at several pressures."""

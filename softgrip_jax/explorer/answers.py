@@ -7,46 +7,51 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import time
 from collections import defaultdict
+from concurrent.futures import Future
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..commands.programs import QUICKLY, program
+from ..commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, program
 from ..geometry import Section, has_sections, sections
 from ..model_error import model_error
-from ..questions import _branch, _limit_pressure, _pressure_for, to_reach, to_solve
+from ..questions import _pressure_for, to_reach, to_solve
 from ..reasons import Reason
 from ..results import Solution, Status, in_units
-from ..scene import Scene, equilibrium
+from ..scene import Found, Scene, equilibrium
 from ..units import DISPLAY, kPa
+from .ahead import Ahead
 
 CURVE_POINTS = 60
 """Points of a curve through its limit."""
 BEYOND = 1.3
 """A curve without a limit is shown to this many times the pressure of the state."""
+LONG = 0.01
+"""Seconds of a run from which it is worth to compile a program once more, with all of LLVM's optimisation."""
 
 
 @jax.jit
 def curve_to_limit(scene: Scene) -> tuple[Any, Solution]:
     """The limit pressure, and the branch through it."""
-    return _limit_pressure(scene), _branch(scene, CURVE_POINTS)
-
-
-def _numbers_at(scene: Scene, pressure: Any) -> dict[str, Any]:
-    return equilibrium(scene, pressure).observables
+    solver = scene.solver()
+    limit = solver.find_limit(scene)
+    pressure = jnp.where(limit.status == Status.OK, limit.pressure, jnp.nan)
+    return pressure, solver.branch(scene, CURVE_POINTS, limit)
 
 
 @jax.jit
-def slopes_at(scene: Scene, pressure: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Observables at a pressure, their derivatives by every number of the scene, in the order of its leaves, and by the
-    pressure."""
+def slopes_at(scene: Scene, unknowns: Any, pressure: Any) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """Observables of a state whose unknowns are known, their derivatives by every number of the scene, in the order of
+    its leaves, and by the pressure."""
     leaves, structure = jax.tree.flatten(scene)
 
     def observed(leaves, pressure):
-        return _numbers_at(jax.tree.unflatten(structure, leaves), pressure)
+        known = Found(unknowns, pressure, jnp.asarray(Status.OK), jnp.asarray(0))
+        return jax.tree.unflatten(structure, leaves)._solution(known).observables
 
     slopes = jax.jacfwd(observed, argnums=(0, 1))(leaves, pressure)
     by_pressure = {name: by[1] for name, by in slopes.items()}
@@ -61,26 +66,75 @@ class Programs:
     """Compiled programs by question and kind of scene; one for all browsers."""
 
     def __init__(self) -> None:
+        self.ahead: Ahead | None = None
+        """What compiles beside this process, where programs are kept."""
         self._kept: dict[Any, Any] = {}
         self._locks: defaultdict[Any, threading.Lock] = defaultdict(threading.Lock)
+        self._runs: defaultdict[Any, list[float]] = defaultdict(list)
+        """Seconds of the runs of a program, its compiling left out."""
+        self._improved: set[Any] = set()
 
     def traced(self, function: Any, *args: Any) -> Any:
         """The program for arguments like these; XLA compiles it when it is first called."""
-        leaves, structure = jax.tree.flatten(args)
-        words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
-        key = (function, structure, words, tuple(np.shape(leaf) for leaf in leaves))
+        key = _key(function, args)
         if key not in self._kept:
             # One lock a program: a state never waits for the curve, which compiles for seconds.
             with self._locks[key]:
                 if key not in self._kept:
-                    self._kept[key] = program(function, *args, options=QUICKLY)
+                    self._kept[key] = program(function, *args, options=_options(function))
         return self._kept[key]
 
     def __call__(self, function: Any, *args: Any) -> Any:
-        return self.traced(function, *args)(*args)
+        key, found = _key(function, args), self.traced(function, *args)
+        is_first = key not in self._runs
+        begun = time.perf_counter()
+        answer = jax.block_until_ready(found(*args))
+        runs = self._runs[key]
+        if not is_first:
+            runs.append(time.perf_counter() - begun)
+        return answer
+
+    def prepare(self, function: Any, *args: Any) -> None:
+        """Wait until the process beside this one, if there is one, has compiled the program."""
+        if self.ahead is not None and _key(function, args) not in self._kept:
+            self.ahead.compiled(function, args, _options(function)).result()
+
+    def improve(self, function: Any, *args: Any) -> None:
+        """Have a program that runs for long compiled again beside this process, to run faster; it is then used."""
+        key = _key(function, args)
+        if self.ahead is None or key in self._improved or not self._runs[key] or min(self._runs[key]) < LONG:
+            return
+        self._improved.add(key)
+
+        def use(made: Future[bool]) -> None:
+            if made.result():
+                better = program(function, *args, options=SIDE_BY_SIDE)
+                jax.block_until_ready(better(*args))
+                self._kept[key] = better
+
+        self.ahead.compiled(function, args, SIDE_BY_SIDE).add_done_callback(use)
+
+
+def _key(function: Any, args: tuple[Any, ...]) -> Any:
+    leaves, structure = jax.tree.flatten(args)
+    words = tuple(leaf for leaf in leaves if isinstance(leaf, str))
+    return function, structure, words, tuple(np.shape(leaf) for leaf in leaves)
+
+
+def _options(function: Any) -> dict[str, Any]:
+    """A first picture waits for its program; what follows runs after it and is larger."""
+    return MANY_CALLS if function in (curve_to_limit, slopes_at) else QUICKLY
 
 
 programs = Programs()
+
+
+def _beside(function: Any, *args: Any) -> Any:
+    """An answer that nobody's hand waits for: compiled elsewhere, and once more where it takes long."""
+    programs.prepare(function, *args)
+    answer = programs(function, *args)
+    programs.improve(function, *args)
+    return answer
 
 
 @dataclasses.dataclass(frozen=True)
@@ -177,7 +231,7 @@ def part_of(observables: dict[str, Any], name: str, component: int | None) -> np
 def curve_of(scene: Scene, observable: str) -> CurveData:
     """The curve of an observable through the limit."""
     name, component, _ = components(scene)[observable]
-    limit, branch = programs(curve_to_limit, to_solve(scene, 0.0)[0])
+    limit, branch = _beside(curve_to_limit, to_solve(scene, 0.0)[0])
     status, pressure = np.asarray(branch.status), np.asarray(branch.pressure)
     value = part_of(branch.observables, name, component)
     shown = (status <= Status.NO_CONTACT) & np.isfinite(value)
@@ -193,10 +247,11 @@ def curve_of(scene: Scene, observable: str) -> CurveData:
     return CurveData(observable, pressure[shown], value[shown], stable[shown], float(limit), contact, end)
 
 
-def helps_of(scene: Scene, pressure: float, observable: str, keys: list[str], places: list[int]) -> Helps:
-    """Elasticities at a pressure (Pa) by the numbers of these keys, whose places among the scene's leaves are given."""
+def helps_of(scene: Scene, state: State, observable: str, keys: list[str], places: list[int]) -> Helps:
+    """Elasticities at a state by the numbers of these keys, whose places among the scene's leaves are given."""
     name, component, _ = components(scene)[observable]
-    values, slopes, by_pressure = programs(slopes_at, *to_solve(scene, pressure))
+    known = state.solution.unknowns, state.solution.pressure
+    values, slopes, by_pressure = _beside(slopes_at, to_solve(scene, 0.0)[0], *known)
     value = float(part_of(values, name, component))
     if not np.isfinite(value) or value == 0:
         return Helps(observable, ())
@@ -204,7 +259,7 @@ def helps_of(scene: Scene, pressure: float, observable: str, keys: list[str], pl
     slope = slope if component is None else slope[component]
     now = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(scene)])
     bars = [(key, float(slope[k] * now[k] / value)) for key, k in zip(keys, places, strict=True) if now[k] != 0]
-    bars.append(("pressure", float(part_of(by_pressure, name, component)) * pressure / value))
+    bars.append(("pressure", float(part_of(by_pressure, name, component)) * state.pressure / value))
     bars = [bar for bar in bars if np.isfinite(bar[1])]
     return Helps(observable, tuple(sorted(bars, key=lambda bar: -abs(bar[1]))))
 

@@ -30,7 +30,10 @@ from tornado.netutil import bind_sockets
 from tornado.routing import AnyMatches, PathMatches, Rule, RuleRouter
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
+from ..commands.programs import is_used
 from ..errors import InputError
+from .ahead import Ahead
+from .answers import programs
 from .session import Session, first_answer, trace
 
 LOCAL = ("localhost", "127.0.0.1")
@@ -224,11 +227,17 @@ class Front:
 def serve(make: Callable[[], Session], host: str, port: int, opens: bool, tell: Callable[[str], None]) -> None:
     """Serve until Ctrl-C."""
     front = Front(make, host, port)
+    if is_used():
+        programs.ahead = Ahead()
     logging.getLogger("bokeh.server.views.ws").setLevel(logging.ERROR)  # a page that was closed is no news
     tell(front.address)
     if opens:
         webbrowser.open(front.address)
-    front.run(on_ready=for_pictures)
+    try:
+        front.run(on_ready=for_pictures)
+    finally:
+        if programs.ahead is not None:
+            programs.ahead.end()
 
 
 def for_pictures() -> None:

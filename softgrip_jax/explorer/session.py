@@ -331,7 +331,8 @@ def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps
     if state.ok:
         numbers = list(question.numbers)
         keys = [number.key for number in numbers]
-        yield helps_of(scene, state.pressure, question.observable, keys, leaf_index(scene, numbers))
+        yield helps_of(scene, state, question.observable, keys, leaf_index(scene, numbers))
+    programs.improve(*asked_of(scene, question.pressure, question.task))
 
 
 def answer(question: Question) -> Iterator[State | CurveData | Helps | str]:

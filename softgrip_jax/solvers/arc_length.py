@@ -140,7 +140,7 @@ class ArcLength(BranchSolver):
     def solve_for(self, scene, name, target):
         return path_values.solve_for(self, scene, name, target)
 
-    def branch(self, scene, n):
+    def branch(self, scene, n, limit=None):
         return path_limits.branch(self, scene, n)
 
     def search(

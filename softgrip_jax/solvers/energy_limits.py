@@ -76,14 +76,14 @@ def limit_pressure_from(scene: Any, found: Found) -> Scalar:
     return jnp.where(found.status == Status.OK, jnp.where(at_fold, fold, found.pressure), jnp.nan)
 
 
-def branch(method: Any, scene: Any, n: int) -> Solution:
+def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
     """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance, or up to the
     end of the branch where that is no limit point.
 
     Behind the limit these are equilibria at a given displacement.
     """
     fixed = frozen(scene)
-    limit = method.find_limit(fixed)
+    limit = method.find_limit(fixed) if limit is None else limit
     zero = jnp.zeros_like(limit.pressure)
     low = zero + FIRST_LOAD
     begun = follow(fixed, fixed.unloaded_state(), zero, fixed.first_guess(low), low, method.largest_step)

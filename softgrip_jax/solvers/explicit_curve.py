@@ -176,7 +176,7 @@ class ExplicitCurve(BranchSolver):
         no_answer = jnp.where(status == Status.NO_CONTACT, begins, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
 
-    def branch(self, scene, n):
+    def branch(self, scene, n, limit=None):
         fixed = frozen(scene)
         climb = climb_of(fixed)
         stop = stop_of(fixed, climb)

@@ -90,8 +90,8 @@ class MinimumEnergy(BranchSolver):
     def limit_pressure_from(self, scene, found):
         return energy_limits.limit_pressure_from(scene, found)
 
-    def branch(self, scene, n):
-        return energy_limits.branch(self, scene, n)
+    def branch(self, scene, n, limit=None):
+        return energy_limits.branch(self, scene, n, limit)
 
 
 def _load(scene: Any, pressure: Scalar) -> tuple[Array, Scalar]:
