@@ -33,8 +33,8 @@ FIELDS = ("scene", "first_view_s", "second_view_s", "keys", "median_ms", "of_100
 DRAWN = "(window.softgrip || {drawn: []}).drawn.length"
 HELPED = """Bokeh.documents.some(document => [...document._all_models.values()].some(
   model => model.data && model.data.key && model.data.key.length))"""
-"""Whether the bars of what would help are there: they are the last that is compiled. What runs for long is then compiled
-once more, to run faster."""
+"""Whether the bars are there, the last that is compiled. What runs for long is then compiled once more, to run
+faster."""
 BEGUN = "document.addEventListener('keydown', () => { window.begun = performance.now(); }, true)"
 
 

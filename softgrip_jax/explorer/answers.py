@@ -6,6 +6,7 @@ Everything is values in, plain data out; a page draws it. Programs are compiled 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import threading
 import time
 from collections import defaultdict
@@ -94,6 +95,10 @@ class Programs:
             runs.append(time.perf_counter() - begun)
         return answer
 
+    def is_ready(self, function: Any, *args: Any) -> bool:
+        """Whether the program has run."""
+        return _key(function, args) in self._runs
+
     def prepare(self, function: Any, *args: Any) -> None:
         """Wait until the process beside this one, if there is one, has compiled the program."""
         if self.ahead is not None and _key(function, args) not in self._kept:
@@ -102,9 +107,13 @@ class Programs:
     def improve(self, function: Any, *args: Any) -> None:
         """Have a program that runs for long compiled again beside this process, to run faster; it is then used."""
         key = _key(function, args)
-        if self.ahead is None or key in self._improved or not self._runs[key] or min(self._runs[key]) < LONG:
+        if self.ahead is None or key in self._improved:
             return
         self._improved.add(key)
+        if not self._runs[key]:  # it has run once, which is mostly compiling
+            self(function, *args)
+        if min(self._runs[key]) < LONG:
+            return
 
         def use(made: Future[bool]) -> None:
             if made.result():
@@ -156,11 +165,17 @@ class State:
     """Where it is not OK, why and by how much."""
     pressure: float
     """Pa."""
-    rows: tuple[Row, ...]
     margins: tuple[tuple[str, float], ...]
     """Rule and margin, m, the least first."""
     sections: tuple[Section, ...]
     solution: Solution
+    scene: Scene
+
+    @functools.cached_property
+    def rows(self) -> tuple[Row, ...]:
+        """The observables."""
+        known, kinds = jax.device_get(self.solution.observables), self.solution.scene.OBSERVABLES
+        return tuple(Row(n, in_units(known[n], kind), model_error(self.scene, n)) for n, kind in kinds.items())
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,14 +216,19 @@ def state_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> St
     solution = programs(*asked_of(scene, pressure, task))
     status = Status(int(solution.status))
     ok = status is Status.OK
-    known = sorted(((n, float(m)) for n, m in solution.margins.items() if np.isfinite(m)), key=lambda pair: pair[1])
-    rows = [
-        Row(name, in_units(solution.observables[name], kind), model_error(scene, name))
-        for name, kind in solution.scene.OBSERVABLES.items()
-    ]
+    known = sorted(
+        ((n, float(m)) for n, m in jax.device_get(solution.margins).items() if np.isfinite(m)), key=lambda pair: pair[1]
+    )
     drawn = sections(solution) if ok and has_sections(solution.scene) else ()
     message = "" if ok else f"{status.name}: {solution.reason_text()}"
-    return State(ok, message, float(solution.pressure), tuple(rows), tuple(known), drawn, solution)
+    return State(ok, message, float(solution.pressure), tuple(known), drawn, solution, scene)
+
+
+def prepare_state(scene: Scene, pressure: float) -> None:
+    """Have the program of a state at a pressure (Pa) ready, before somebody asks for it."""
+    asked = asked_of(scene, pressure, {})
+    if not programs.is_ready(*asked):
+        _beside(*asked)
 
 
 def components(scene: Scene) -> dict[str, tuple[str, int | None, str]]:

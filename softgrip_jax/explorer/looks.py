@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,20 @@ FINE = 60
 Columns = dict[str, Any]
 """Of a data source: name -> list."""
 PIN_COLOURS = ("#E69F00", "#00795A", "#CC79A7", "#56B4E9", "#6E6E6E", "#000000")
+SPREAD = """
+const {points, rest} = packed.data;
+const flat = new Float32Array(points[0].buffer, points[0].byteOffset, points[0].length);
+const {areas: of_areas, lines: of_lines, counts} = JSON.parse(rest[0]);
+let at = 0;
+const next = (count) => flat.subarray(at, at += count);
+const filled = (columns, counts) => {
+  const pairs = counts.map((count) => [next(count), next(count)]);
+  return {...columns, xs: pairs.map(([x]) => x), ys: pairs.map(([, y]) => y)};
+};
+areas.setv({data: filled(of_areas, counts[0])}, {sync: false});
+lines.setv({data: filled(of_lines, counts[1])}, {sync: false});
+"""
+"""Fills areas and lines of a view from what `packed` holds. The server need not know."""
 DRAWN = """
 requestAnimationFrame(() => setTimeout(() => {
   const mine = (window.softgrip ||= {drawn: []});
@@ -109,12 +124,25 @@ def areas_and_lines(section: Section) -> tuple[Columns, Columns, Columns]:
     return areas, lines, words
 
 
+def packed(areas: Columns, lines: Columns) -> Columns:
+    """All points as one array, x and y of an outline after the other: every array is two messages of its own."""
+    rows = [pair for one in (areas, lines) for pair in zip(one["xs"], one["ys"], strict=True)]
+    points = np.concatenate([part for pair in rows for part in pair]) if rows else np.zeros(0, np.float32)
+    rest = {
+        name: {key: column for key, column in one.items() if key not in ("xs", "ys")}
+        for name, one in (("areas", areas), ("lines", lines))
+    }
+    counts = [[len(x) for x in one["xs"]] for one in (areas, lines)]
+    return {"points": [points], "rest": [json.dumps(rest | {"counts": counts})]}
+
+
 class View:
     """One flat view."""
 
     def __init__(self, section: Section, is_timed: bool):
         areas, lines, words = areas_and_lines(section)
         self.areas, self.lines, self.words = ColumnDataSource(areas), ColumnDataSource(lines), ColumnDataSource(words)
+        self.packed = ColumnDataSource({"points": [], "rest": []})
         self.corners = ColumnDataSource({"x": [], "y": []})
         self._frame(section)
         tools = [PanTool(), WheelZoomTool(), ResetTool(), SaveTool()]
@@ -155,8 +183,11 @@ class View:
             text_font_size="12px",
         )
         self.figure.add_layout(labels)
+        filled = CustomJS(args={"packed": self.packed, "areas": self.areas, "lines": self.lines}, code=SPREAD)
+        self.packed.js_on_change("data", filled)
         if is_timed:
-            self.areas.js_on_change("data", CustomJS(code=DRAWN))
+            self.packed.js_on_change("data", CustomJS(code=DRAWN))
+        self.figure.tags = [self.packed]  # what nothing of the page refers to does not reach the browser
 
     def show(self, section: Section) -> None:
         """Fill it again."""
@@ -164,9 +195,7 @@ class View:
         self._frame(section)
         if words != self.words.data:
             self.words.data = words
-        if lines["xs"] or len(self.lines.data["xs"]):
-            self.lines.data = lines
-        self.areas.data = areas
+        self.packed.data = packed(areas, lines)
 
     def _frame(self, section: Section) -> None:
         """Axes that hold all of it, with some room, where those of now do not or are much too wide."""

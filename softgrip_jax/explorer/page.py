@@ -166,6 +166,7 @@ class Page:
         if self.document is not None:
             pn.state.onload(self._loaded)
         self.controls: dict[str, Control] = {}
+        self._unfilled: set[str] = set()
         self.views: list[View] = []
         self.told = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.rows = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
@@ -333,8 +334,18 @@ class Page:
 
     def _moved(self, control: Control, place: float) -> None:
         sentence = self.session.move(control.key, place)
-        self._done(control, sentence)  # the picture is on its way while the box is filled
-        control.show(self.session.numbers[control.key], self.session.values[control.key], sentence, with_slider=False)
+        self._unfilled.add(control.key)
+        self._done(control, sentence)
+        if sentence:
+            self._fill_boxes(sentence)
+
+    def _fill_boxes(self, sentence: str = "") -> None:
+        """What was moved as a number, once its picture is on its way."""
+        while self._unfilled:
+            key = self._unfilled.pop()
+            if key in self.controls:
+                number, value = self.session.numbers[key], self.session.values[key]
+                self.controls[key].show(number, value, sentence, with_slider=False)
 
     def _typed(self, control: Control, text: str) -> None:
         sentence = self.session.type_in(control.key, text)
@@ -497,6 +508,8 @@ class Page:
         if not isinstance(stage, Words):
             self.session.take(stage)
         self.later(partial(self._show, question, stage))
+        if isinstance(stage, State | str):
+            self.later(self._fill_boxes)
         if isinstance(stage, State):
             self.later(partial(self.further.ask, (question, stage)))
 

@@ -23,7 +23,18 @@ from ..plausible import units_are_stated
 from ..results import in_units
 from ..scene import Scene
 from ..units import DISPLAY, kPa, unit_key
-from .answers import CurveData, Helps, State, asked_of, components, curve_of, helps_of, programs, state_of
+from .answers import (
+    CurveData,
+    Helps,
+    State,
+    asked_of,
+    components,
+    curve_of,
+    helps_of,
+    prepare_state,
+    programs,
+    state_of,
+)
 from .code import solving
 from .controls import Number, as_config, choices_of, chosen, leaf_index, numbers_of, value_range, with_numbers
 
@@ -328,6 +339,8 @@ def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps
     question, state = asked
     scene = scene_of(question)
     yield curve_of(scene, question.observable)
+    if question.pressure is None:  # a hand on the slider of the pressure asks for what no task has asked yet
+        prepare_state(scene, state.pressure)
     if state.ok:
         numbers = list(question.numbers)
         keys = [number.key for number in numbers]

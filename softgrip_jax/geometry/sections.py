@@ -28,6 +28,7 @@ from ..shell.energy.scene import EnergyScene
 from ..shell.flat_shell import ShellScene
 from ..units import mm
 from .finger import (
+    Line,
     band,
     box,
     chamber_places,
@@ -151,7 +152,7 @@ def sections(solution: Solution) -> tuple[Section, ...]:
         raise InputError(f"There is no state to draw: {Status(int(solution.status)).message}.")
     for kind, draw in _VIEWS.items():
         if isinstance(solution.scene, kind):
-            return draw(solution)
+            return draw(jax.device_get(solution))  # one by one, arrays of JAX are slow to read
     raise InputError(f"There is no picture of a {type(solution.scene).__name__} yet.")
 
 
@@ -179,10 +180,10 @@ def _newton(force: Any) -> str:
 # --- fingers ----------------------------------------------------------------------------------------------------------
 
 
-def _finger_parts(solution: Solution, where: Callable[[np.ndarray], np.ndarray]) -> list[Outline]:
+def _finger_parts(solution: Solution, line: Line, where: Callable[[np.ndarray], np.ndarray]) -> list[Outline]:
     """A finger without pressure and under it, each point placed by `where`."""
     scene: Any = solution.scene
-    finger, line = scene.finger, line_of(solution)
+    finger = scene.finger
     angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
     rest, thickness, places = straight(finger, angle), float(finger.H) / mm, chamber_places(finger)
     parts = [Outline("ghost", where(box(rest, finger, place))) for place in places]
@@ -196,8 +197,8 @@ def _finger_parts(solution: Solution, where: Callable[[np.ndarray], np.ndarray])
         parts += [Outline(role, where(body)) for body in (*chamber.walls, thick(roof, place.wall))]
         if previous is not None:
             # Where a wall lies on the one before it both faces are at one place.
-            apart = chamber.near_clamp[:, None] - previous[None]
-            touching = np.min(np.hypot(*apart.T), axis=0) < 10 * TOUCHES * place.wall
+            apart, near = chamber.near_clamp[:, None] - previous[None], 10 * TOUCHES * place.wall
+            touching = np.min(apart[..., 0] ** 2 + apart[..., 1] ** 2, axis=1) < near**2
             parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touching)]
         previous = chamber.near_tip
     parts.append(Outline("cover", where(band(line, thickness))))
@@ -212,7 +213,7 @@ def _finger(solution: Solution) -> tuple[Section, ...]:
     scene: Any = solution.scene
     finger, line = scene.finger, line_of(solution)
     angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
-    parts = _finger_parts(solution, _as_is)
+    parts = _finger_parts(solution, line, _as_is)
     highest = max((place.height for place in chamber_places(finger)), default=0.0)
     along, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
     foot, top = -0.5 * float(finger.H) / mm - 4, highest + 6.5
@@ -240,7 +241,7 @@ def _grasp(solution: Solution) -> tuple[Section, ...]:
         def where(points: np.ndarray, side=side) -> np.ndarray:
             return np.stack([side * (base + points[:, 1]), -points[:, 0]], axis=-1)
 
-        parts += _finger_parts(solution, where)
+        parts += _finger_parts(solution, line, where)
         at = where(tip[None])[0]
         length = min(ARROW, WITHIN * (base + tip[1]))
         forces.append(Force(at, at - [side * length, 0.0], _newton(solution.tip_force)))
