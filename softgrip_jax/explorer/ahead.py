@@ -6,6 +6,7 @@ and leaves the program in the folder where commands keep theirs (see `commands.p
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import pickle
@@ -55,6 +56,8 @@ class Ahead:
         return found
 
     def _begin(self) -> None:
+        self._close()
+        self._asked = {}
         order = [sys.executable, "-c", f"from {__name__} import main; main()"]
         self._process = subprocess.Popen(
             order, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, env=os.environ | _paths()
@@ -65,12 +68,10 @@ class Ahead:
         ).start()
 
     def _read(self, answers: BinaryIO, asked: dict[int, Future[bool]]) -> None:
-        try:
+        with answers, contextlib.suppress(EOFError, pickle.UnpicklingError, OSError):
             while True:
                 number, is_kept = pickle.load(answers)
                 asked.pop(number).set_result(is_kept)
-        except (EOFError, pickle.UnpicklingError, OSError):
-            pass
         with self._lock:
             left = [asked.pop(number) for number in list(asked)]
         for future in left:
@@ -79,9 +80,14 @@ class Ahead:
     def end(self) -> None:
         """End the process."""
         with self._lock:
-            if self._process is not None:
-                self._process.kill()
-                self._process.wait()
+            self._close()
+
+    def _close(self) -> None:
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+            with contextlib.suppress(OSError):  # what it has not read
+                self._process.stdin.close()  # type: ignore[union-attr]
 
 
 def _paths() -> dict[str, str]:
