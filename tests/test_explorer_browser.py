@@ -7,6 +7,7 @@ import statistics
 import subprocess
 import sys
 import threading
+import time
 import urllib.request
 
 import pytest
@@ -138,8 +139,29 @@ def test_a_stopped_server_is_told(browser):
     shown.wait_for_selector(".bk-Figure canvas", timeout=60_000)
     threading.Thread(target=served.stop).start()
     shown.locator("#softgrip-gone").wait_for(timeout=15_000)
-    assert "The server has stopped" in shown.locator("#softgrip-gone").inner_text()
+    assert "The server does not answer" in shown.locator("#softgrip-gone").inner_text()
     shown.close()
+
+
+def test_a_slow_server_costs_nothing(browser):
+    """Five seconds in which it does not answer: the page says so, and has its sliders still."""
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    served = sg.explore(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa, opens=False)
+    shown = browser.new_page()
+    shown.goto(served.address)
+    shown.wait_for_selector(".bk-Figure canvas", timeout=60_000)
+    shown.locator(".noUi-handle").first.press("ArrowLeft")
+    shown.locator(".sg-told", has_text="kPa").first.wait_for()
+    shown.wait_for_timeout(2000)  # it has asked for a sign of life
+    before = shown.locator("input[type=text]:visible").first.input_value()
+    assert float(before) < 15
+    served._stop.__self__._loop.add_callback(time.sleep, 5)
+    shown.locator("#softgrip-gone").wait_for(timeout=15_000)
+    shown.locator("#softgrip-gone").wait_for(state="detached", timeout=15_000)
+    shown.wait_for_timeout(1500)
+    assert shown.locator("input[type=text]:visible").first.input_value() == before
+    shown.close()
+    served.stop()
 
 
 def open_tab(page, name):

@@ -112,10 +112,13 @@ class Frame(RequestHandler):
 
 
 class Alive(RequestHandler):
-    """A sign of life."""
+    """A sign of life, with the name of this server: a page loads again from another one, and waits for a slow one."""
+
+    def initialize(self, name: str) -> None:
+        self.name = name
 
     def get(self) -> None:
-        self.set_status(204)
+        self.write(self.name)
 
 
 class Waiting(RequestHandler):
@@ -168,7 +171,7 @@ class Front:
         frame = Application(
             [
                 ("/", Frame, {"token": self.token, "text": _frame()}),
-                ("/alive", Alive),
+                ("/alive", Alive, {"name": secrets.token_hex(8)}),
                 ("/static/extensions/panel/(.*)", StaticFileHandler, {"path": _folder("panel", "dist")}),
                 ("/static/(.*)", StaticFileHandler, {"path": _folder("bokeh", "server", "static")}),
             ]

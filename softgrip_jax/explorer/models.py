@@ -32,3 +32,9 @@ def compared(session: Session, tell: Tell) -> tuple[tuple[list[str], list[list[s
         rows.append([str(k + 1), left_out, model.numerics, f"{model.cost:.3g}", in_units(value, kind), change])
     head = ["", "left out", "numerics", "time", session.observable.replace("_", " "), "beside the dearest"]
     return (head, rows), ladder
+
+
+def model_words(k: int, model: LadderModel) -> str:
+    """A line of the menu: '4: 6 points along the finger, without stretch of the cover'."""
+    without = f", without {' and '.join(model.left_out)}" if model.left_out else ""
+    return f"{k + 1}: {model.numerics}{without}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import threading
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -32,6 +33,10 @@ PAUSE = 0.15
 first."""
 STEPS = 1000
 """Places of a slider."""
+SPACE = 350
+"""Pixels of the height of the picture in space: as high as one view from the side, which has the place first."""
+AS_IS = -1
+"""Of the menu of models: the scene as the sliders have it."""
 CSS = """
 :host, body { font-family: system-ui, sans-serif; color: #1b1b1b; }
 .sg-key { font-size: 13px; font-weight: 600; color: #1b1b1b; }
@@ -175,7 +180,7 @@ class Page:
         self.choices = pn.FlexBox(sizing_mode="stretch_width")
         self.curve = CurveView(self._dragged)
         self.helps = HelpView(self._clicked)
-        self.space: Any = pn.Column(sizing_mode="stretch_width", height=420)
+        self.space: Any = pn.Column(sizing_mode="stretch_width", height=SPACE)
         self.observable = pn.widgets.Select(
             name="curve and elasticities of", options=list(session.observables), value=session.observable, width=220
         )
@@ -185,7 +190,7 @@ class Page:
         self.compared = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.code = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.models = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
-        self.model = pn.widgets.Select(name="use the model", options={"as it is": None}, width=240)
+        self.model = pn.widgets.Select(name="use the model", options={"as it is": AS_IS}, value=AS_IS, width=240)
         self.after_opening: list[Callable[[], None]] = []
         """Called whenever another scene is shown: its numbers and choices may be others."""
         self._unread: dict[int, tuple[Any, Any]] = {}
@@ -284,6 +289,8 @@ class Page:
 
     def _turned_to(self, place: int) -> None:
         self._show_code()
+        if place == 1:  # a picture file is made while the page waits, Matplotlib need not be read then
+            self.in_background(lambda tell: importlib.import_module("softgrip_jax.plots"))
         point, empty = self._unread.pop(place, (None, None))
         if point is None or empty is None:
             return
@@ -430,21 +437,21 @@ class Page:
     # --- models -------------------------------------------------------------------------------------------------------
 
     def _compare_models(self, tell: Tell) -> None:
-        from .models import compared
+        from .models import compared, model_words
 
         found, ladder = compared(self.session, tell)
-        options = {"as it is": None} | {f"{k + 1}: {model.numerics}": k for k, model in enumerate(ladder)}
+        options = {"as it is": AS_IS} | {model_words(k, model): k for k, model in enumerate(ladder)}
 
         def shown() -> None:
             self._ladder = ladder
             self.models.object = table_html(*found)
-            self.model.param.update(options=options, value=None)
-            self.say("")
+            self.model.param.update(options=options, value=AS_IS)
+            self.say(f"{len(ladder)} models are compared below.")
 
         self.later(shown)
 
     def _model_chosen(self, event: Any) -> None:
-        if event.new is not None:
+        if event.new != AS_IS:
             self.open_scene(self._ladder[event.new].scene)
 
     # --- libraries of the browser -------------------------------------------------------------------------------------
@@ -595,7 +602,7 @@ class Page:
             if self.space.objects:
                 self.space[0].object = shown
             else:
-                self.space.append(pn.pane.Plotly(shown, sizing_mode="stretch_width", height=420))
+                self.space.append(pn.pane.Plotly(shown, sizing_mode="stretch_width", height=SPACE))
         except InputError as error:
             self.say(str(error), True)
 
