@@ -17,6 +17,7 @@ TESTED = {
     "optim/design/finish.py": "what one thread raises is raised again in the others",
     "softgrip_jax/cli/__init__.py": "a fault is printed as one",
     "softgrip_jax/draws.py": "what h5netcdf says of a file that holds no posterior is a mistake in its name",
+    "softgrip_jax/explorer/ahead.py": "the explorer compiles what this cannot, and tells what is wrong with it",
     "softgrip_jax/explorer/code.py": "values that cannot be compared are not the same, and both are written",
     "softgrip_jax/explorer/study.py": "told on the page: a thread has nobody else to tell, and a store may be damaged",
     "softgrip_jax/explorer/tabs.py": "told on the page: a thread has nobody else to tell",

@@ -73,6 +73,8 @@ class Ahead:
                 number, is_kept = pickle.load(answers)
                 asked.pop(number).set_result(is_kept)
         with self._lock:
+            if self._asked is asked:
+                self._close()
             left = [asked.pop(number) for number in list(asked)]
         for future in left:
             future.set_result(False)
@@ -88,6 +90,7 @@ class Ahead:
             self._process.wait()
             with contextlib.suppress(OSError):  # what it has not read
                 self._process.stdin.close()  # type: ignore[union-attr]
+            self._process = None
 
 
 def _paths() -> dict[str, str]:

@@ -152,7 +152,7 @@ def sections(solution: Solution) -> tuple[Section, ...]:
         raise InputError(f"There is no state to draw: {Status(int(solution.status)).message}.")
     for kind, draw in _VIEWS.items():
         if isinstance(solution.scene, kind):
-            return draw(jax.device_get(solution))  # one by one, arrays of JAX are slow to read
+            return draw(solution)
     raise InputError(f"There is no picture of a {type(solution.scene).__name__} yet.")
 
 

@@ -83,12 +83,12 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
     Behind the limit these are equilibria at a given displacement.
     """
     fixed = frozen(scene)
-    limit = method.find_limit(fixed) if limit is None else limit
-    zero = jnp.zeros_like(limit.pressure)
+    known: Found = method.find_limit(fixed) if limit is None else limit
+    zero = jnp.zeros_like(known.pressure)
     low = zero + FIRST_LOAD
     begun = follow(fixed, fixed.unloaded_state(), zero, fixed.first_guess(low), low, method.largest_step)
     first = begun.y
-    reach = jnp.where(limit.end == 1, BRANCH, 1.0) * jnp.linalg.norm(limit.unknowns)
+    reach = jnp.where(known.end == 1, BRANCH, 1.0) * jnp.linalg.norm(known.unknowns)
     length = (reach - jnp.linalg.norm(first)) / (n - 1)
 
     def next_point(state, first):
@@ -102,7 +102,7 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
         kept = jax.tree.map(lambda a, b: jnp.where(alive, a, b), held[:4], state[:4])
         return (*kept, alive), (kept[0], kept[1], alive)
 
-    start = first, begun.load**3, first, zero, begun.reached & (limit.status == Status.OK)
+    start = first, begun.load**3, first, zero, begun.reached & (known.status == Status.OK)
     _, (points, loads, alive) = lax.scan(next_point, start, jnp.arange(n) == 0)
 
     def report(unknowns, load, alive):
