@@ -19,13 +19,14 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 # Compiling is most of the time of a run: done as for the commands (see softgrip_jax/commands/programs.py), and what has
 # not changed is taken from here.
 gc.set_threshold(1_000_000)
-if jaxlib_version < (0, 11):
-    quickly = "--xla_cpu_use_fusion_emitters=false --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE"
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {quickly}"
 # LLVM's optimisation is much of that time, and saves a program that runs a few times nothing; the commands do without
 # it, too. `make test-all` and `make check` go through the optimised programs.
 unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
 jax.config.update("jax_disable_most_optimizations", unoptimised)
+if jaxlib_version < (0, 11):
+    flags = "--xla_cpu_use_fusion_emitters=false"
+    flags += " --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE" if unoptimised else ""
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flags}"
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 # Commands that tests run as processes of their own share it.

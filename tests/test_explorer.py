@@ -57,6 +57,27 @@ def test_the_curve_begins_at_contact_and_goes_through_the_limit(first):
     assert first.curve.value[k] == pytest.approx(float(found), rel=1e-6)
 
 
+def test_a_curve_does_not_move_what_a_hand_holds():
+    """The curve gives the pressure another range. A slider that is under way has the old one: the next place on it is
+    a step further, and not that part of the new range."""
+    session = Session(plane(), 15 * kPa)
+    shown = session.numbers[PRESSURE]
+    answered(session)
+    assert session.numbers[PRESSURE].high != shown.high
+    assert session.move(PRESSURE, 0.24, shown) == ""
+    assert session.values[PRESSURE] == pytest.approx(0.24 * shown.high)
+    assert session.move(PRESSURE, 0.24) == ""
+    assert session.values[PRESSURE] == pytest.approx(0.24 * session.numbers[PRESSURE].high)
+
+
+def test_what_follows_a_state_that_is_none():
+    """Where a task has no state nothing is asked of its pressure, which is no number."""
+    session = Session(plane(), None, {"force": 1e4})
+    answered(session)
+    assert (session.good, session.helps) == (None, None)
+    assert "BEYOND_LIMIT" in session.message
+
+
 def test_elasticities_are_those_of_differences(first):
     step, bars = 1e-4, dict(first.helps.bars)
     for key in ("shell.a_mm", "distance_mm", PRESSURE):

@@ -131,37 +131,39 @@ def test_another_origin_is_refused(address):
     connection.close()
 
 
-def test_a_stopped_server_is_told(browser):
+@pytest.fixture
+def own(browser):
+    """(a server of one test's own, its page)."""
     shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
     served = sg.explore(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa, opens=False)
     shown = browser.new_page()
     shown.goto(served.address)
     shown.wait_for_selector(".bk-Figure canvas", timeout=60_000)
+    yield served, shown
+    shown.close()
+    served.stop()
+
+
+def test_a_stopped_server_is_told(own):
+    served, shown = own
     threading.Thread(target=served.stop).start()
     shown.locator("#softgrip-gone").wait_for(timeout=15_000)
     assert "The server does not answer" in shown.locator("#softgrip-gone").inner_text()
-    shown.close()
 
 
-def test_a_slow_server_costs_nothing(browser):
+def test_a_slow_server_costs_nothing(own):
     """Five seconds in which it does not answer: the page says so, and has its sliders still."""
-    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
-    served = sg.explore(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa, opens=False)
-    shown = browser.new_page()
-    shown.goto(served.address)
-    shown.wait_for_selector(".bk-Figure canvas", timeout=60_000)
+    served, shown = own
     shown.locator(".noUi-handle").first.press("ArrowLeft")
     shown.locator(".sg-told", has_text="kPa").first.wait_for()
     shown.wait_for_timeout(2000)  # it has asked for a sign of life
-    before = shown.locator("input[type=text]:visible").first.input_value()
+    before = box(shown, 0).input_value()
     assert float(before) < 15
     served._stop.__self__._loop.add_callback(time.sleep, 5)
     shown.locator("#softgrip-gone").wait_for(timeout=15_000)
     shown.locator("#softgrip-gone").wait_for(state="detached", timeout=15_000)
     shown.wait_for_timeout(1500)
-    assert shown.locator("input[type=text]:visible").first.input_value() == before
-    shown.close()
-    served.stop()
+    assert box(shown, 0).input_value() == before
 
 
 def open_tab(page, name):

@@ -81,6 +81,8 @@ class Control:
 
     def __init__(self, number: Number, value: float, moved: Callable, typed: Callable):
         self.key = number.key
+        self.number = number
+        """With the range that the slider has."""
         self.slider = Slider(
             name=number.key,
             start=0,
@@ -133,6 +135,7 @@ class Control:
         self._own = True
         try:
             if with_slider:
+                self.number = number
                 self.slider.value = self._place(number, value)
             if with_box:
                 self.box.value = number.shown(value)
@@ -340,19 +343,16 @@ class Page:
             self.ask()
 
     def _moved(self, control: Control, place: float) -> None:
-        sentence = self.session.move(control.key, place)
-        self._unfilled.add(control.key)
+        sentence = self.session.move(control.key, place, control.number)
+        if not sentence:
+            self._unfilled.add(control.key)
         self._done(control, sentence)
-        if sentence:
-            self._fill_boxes(sentence)
 
-    def _fill_boxes(self, sentence: str = "") -> None:
+    def _fill_boxes(self) -> None:
         """What was moved as a number, once its picture is on its way."""
-        while self._unfilled:
-            key = self._unfilled.pop()
-            if key in self.controls:
-                number, value = self.session.numbers[key], self.session.values[key]
-                self.controls[key].show(number, value, sentence, with_slider=False)
+        for key in self._unfilled & set(self.controls):
+            self.controls[key].show(self.session.numbers[key], self.session.values[key], with_slider=False)
+        self._unfilled.clear()
 
     def _typed(self, control: Control, text: str) -> None:
         sentence = self.session.type_in(control.key, text)

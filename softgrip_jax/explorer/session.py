@@ -133,9 +133,12 @@ class Session:
 
     # --- what a user does; each returns a sentence where that cannot be -----------------------------------------------
 
-    def move(self, key: str, place: float) -> str:
-        """A slider to a place from 0 to 1."""
-        return self._set(key, self.numbers[key].at(min(max(place, 0.0), 1.0)))
+    def move(self, key: str, place: float, shown: Number | None = None) -> str:
+        """A slider to a place from 0 to 1. shown: the number with the range that the slider has, where it is not that
+        of now: a curve that comes while a hand is on it sets another one."""
+        value = (shown or self.numbers[key]).at(min(max(place, 0.0), 1.0))
+        self.numbers[key] = self.numbers[key].holding(value)
+        return self._set(key, value)
 
     def type_in(self, key: str, text: str) -> str:
         """A number as typed, in the unit of its key; the range grows where the number is beyond it."""
@@ -339,9 +342,9 @@ def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps
     question, state = asked
     scene = scene_of(question)
     yield curve_of(scene, question.observable)
-    if question.pressure is None:  # a hand on the slider of the pressure asks for what no task has asked yet
-        prepare_state(scene, state.pressure)
     if state.ok:
+        if question.pressure is None:  # a hand on the slider of the pressure asks for what no task has asked yet
+            prepare_state(scene, state.pressure)
         numbers = list(question.numbers)
         keys = [number.key for number in numbers]
         yield helps_of(scene, state, question.observable, keys, leaf_index(scene, numbers))
