@@ -10,6 +10,7 @@ import threading
 import time
 import urllib.request
 
+import numpy as np
 import pytest
 
 import softgrip_jax as sg
@@ -25,6 +26,8 @@ FLAGS = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-
 FLAGS += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
 DRAWN = "(window.softgrip || {drawn: []}).drawn.length"
 MOVES = 8
+
+from softgrip_jax.explorer.looks import areas_and_lines  # noqa: E402  (needs Panel)
 
 pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.slow]
 
@@ -164,6 +167,36 @@ def test_a_slow_server_costs_nothing(own):
     shown.locator("#softgrip-gone").wait_for(state="detached", timeout=15_000)
     shown.wait_for_timeout(1500)
     assert box(shown, 0).input_value() == before
+
+
+OUTLINES = """() => {
+  const numbers = (row) => [...row].filter(isFinite);
+  const models = Bokeh.documents.flatMap(document => [...document._all_models.values()]);
+  return models.filter(model => model.data && model.data.role && model.data.fill).map(({data}) =>
+    data.role.map((role, k) => [role, numbers(data.xs[k]), numbers(data.ys[k])]));
+}"""
+
+
+def test_the_picture_is_that_of_the_slider(own):
+    """Every outline in the browser after a key, beside those of the state that `solve` gives for the number shown."""
+    _, shown = own
+    shown.locator(".sg-told", has_text="kPa").first.wait_for()
+    before = shown.evaluate(DRAWN)
+    shown.locator(".noUi-handle").first.press("PageUp")
+    shown.wait_for_function(f"{DRAWN} > {before}", timeout=10_000)
+    shown.wait_for_timeout(1000)
+    pressure = float(box(shown, 0).input_value()) * kPa
+    assert pressure > 15 * kPa
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    views = sg.geometry.sections(sg.solve(sg.shell.FlatContact(shell, distance=5 * mm), pressure))
+    found = shown.evaluate(OUTLINES)
+    assert len(found) == len(views) == 2
+    for drawn, view in zip(found, views, strict=True):
+        areas, _, _ = areas_and_lines(view)
+        assert [role for role, _, _ in drawn] == areas["role"]
+        for (_, x, y), xs, ys in zip(drawn, areas["xs"], areas["ys"], strict=True):
+            np.testing.assert_allclose(x, xs[np.isfinite(xs)], atol=2e-3)
+            np.testing.assert_allclose(y, ys[np.isfinite(ys)], atol=2e-3)
 
 
 def open_tab(page, name):
