@@ -115,6 +115,16 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow)
 
 
+@pytest.fixture(autouse=True)
+def environment_stays():
+    """A page of the docs sets flags of XLA; the commands that a later test starts would compile with those."""
+    before = dict(os.environ)
+    yield
+    for name in os.environ.keys() - before.keys():
+        del os.environ[name]
+    os.environ.update(before)
+
+
 MAPPINGS, PAGES = 30_000, 2 * 2**30 // os.sysconf("SC_PAGE_SIZE")
 """A program takes some twenty memory mappings, of which Linux gives a process 65,530: then compiling crashes. And a
 worker should do with 4 GB."""
