@@ -504,8 +504,7 @@ def test_drawn_walls_are_those_of_the_wall_model(pressure):
     np.testing.assert_array_equal(drawn.touches, touches)
     np.testing.assert_allclose(drawn.angle[touches], np.asarray(model.clamp_angle)[touches], rtol=1e-4)
     np.testing.assert_allclose(drawn.stretch[touches], np.asarray(model.stretch)[touches], rtol=1e-5)
-    for k, lean in enumerate(LEANS):
-        face = walls.outline(drawn, k, 5 * mm, lean)
+    for k, (lean, face) in enumerate(zip(LEANS, walls.outlines(drawn, 5 * mm, np.array(LEANS)), strict=True)):
         assert np.min(face[:, 0]) > -1e-6
         # From the edge on the cover, h_x from the plane, to the one above, 2 a away on a line that leans.
         edges = np.array([[0.9, 0.0], [0.9 + 10 * np.sin(lean), 10 * np.cos(lean)]]) * mm

@@ -15,7 +15,7 @@ from ..pneunet.linear import Linear
 from ..pneunet.wall.small_strain import SmallStrainChamber
 from ..results import Solution
 from ..units import mm
-from .walls import outline, small_strain_outline, thick, wall_behind, walls_at
+from .walls import outlines, small_strain_outline, thick, wall_behind, walls_at
 
 POINTS = 201
 """Points along a finger: a chord is off the line by less than 0.01 mm."""
@@ -80,22 +80,22 @@ class Place(NamedTuple):
 def chamber_places(finger: PneuNet) -> list[Place]:
     """Every chamber; the last one of a uniform finger may be cut by its end."""
     length = float(finger.L) / mm
+    numbers = {name: np.asarray(getattr(finger, name)) for name in SEGMENT_FIELDS}
     if finger.segments is None:
-        pitch = float(finger.pitch) / mm
+        pitch = float(2 * numbers["h_x"] + numbers["h_L"]) / mm
         starts = np.arange(0.0, length - NOTHING, pitch)
         pitches = np.full(starts.shape, pitch)
     else:
         pitches = np.asarray(finger.segment_lengths) / mm
         starts = np.cumsum(pitches) - pitches
-    fields = {name: np.broadcast_to(np.asarray(getattr(finger, name)), starts.shape) for name in SEGMENT_FIELDS}
-    places = []
-    for k, (start, pitch) in enumerate(zip(starts.tolist(), pitches.tolist(), strict=True)):
-        own = {name: float(values[k]) for name, values in fields.items()}
-        gap = pitch * own["h_x"] / (2 * own["h_x"] + own["h_L"])
-        first, last = start + gap, min(start + pitch - gap, length)
-        if last - first > NOTHING:
-            places.append(Place(start, first, last, min(start + pitch, length), own))
-    return places
+    fields = {name: np.broadcast_to(values, starts.shape) for name, values in numbers.items()}
+    gaps = pitches * fields["h_x"] / (2 * fields["h_x"] + fields["h_L"])
+    firsts, ends = starts + gaps, np.minimum(starts + pitches, length)
+    lasts = np.minimum(starts + pitches - gaps, length)
+    places = zip(starts.tolist(), firsts.tolist(), lasts.tolist(), ends.tolist(), strict=True)
+    each = zip(*(values.tolist() for values in fields.values()), strict=True)
+    every = [Place(*at, dict(zip(fields, own, strict=True))) for at, own in zip(places, each, strict=True)]
+    return [place for place in every if place.last - place.first > NOTHING]
 
 
 def box(line: Line, finger: PneuNet, place: Place) -> np.ndarray:
@@ -106,11 +106,12 @@ def box(line: Line, finger: PneuNet, place: Place) -> np.ndarray:
     return np.array([origin + s * along + z * normal for s, z in corners])
 
 
-def _frame(line: Line, at: float, above: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _frame(line: Line, at: float | np.ndarray, above: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A point `above` the middle line, mm, and the directions along the finger and away from the cover there."""
     x, y, theta = (np.interp(at, line["X"], line[name]) for name in ("x", "y", "theta"))
-    along, normal = np.array([np.cos(theta), np.sin(theta)]), np.array([-np.sin(theta), np.cos(theta)])
-    return np.array([x, y]) + above * normal, along, normal
+    along = np.stack([np.cos(theta), np.sin(theta)], axis=-1)
+    normal = np.stack([-np.sin(theta), np.cos(theta)], axis=-1)
+    return np.stack([x, y], axis=-1) + above * normal, along, normal
 
 
 class Inflated(NamedTuple):
@@ -134,29 +135,26 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
     # Two walls for every chamber: towards the clamp, towards the tip. Chambers that bend forwards open.
     leans = np.stack([theta[:, 0] - theta[:, 1], theta[:, 1] - theta[:, 2]], axis=1).ravel()
     fields = {name: np.repeat([p.fields[name] for p in places], 2) for name in SEGMENT_FIELDS}
-    walls = walls_at(finger, leans, pressure, fields) if inflation is None else None
+    if inflation is None:
+        walls = walls_at(finger, leans, pressure, fields)
+        faces, stretch = outlines(walls, fields["a"], leans), walls.stretch
+    else:
+        faces, stretch = small_strain_outline(scene, inflation, leans), 1.0
+    behind = wall_behind(faces, fields["t_m"] / stretch**2)
+    origin, along, normal = (
+        v[:, None] for v in _frame(line, np.array([(p.begin, p.end) for p in places]).ravel(), foot)
+    )
+    away = along * np.tile([1.0, -1.0], len(places))[:, None, None]
+    faces, bodies = (origin + p[..., :1] / mm * away + p[..., 1:] / mm * normal for p in (faces, behind))
     chambers = []
     for k, place in enumerate(places):
-        faces, bodies = [], []
-        for side, at in enumerate((place.begin, place.end)):
-            wall, lean, a = 2 * k + side, float(leans[2 * k + side]), place.fields["a"]
-            if side == 1 and not place.has_neighbour:
-                middle, along, normal = _frame(line, 0.5 * (place.first + place.last), foot)
-                corner = middle + 0.5 * (place.last - place.first) * along
-                face = corner + np.linspace(0.0, place.height, 2)[:, None] * normal
-                body = thick(face, place.wall, -1.0)
-            else:
-                if walls is None:
-                    points, stretch = small_strain_outline(scene, float(inflation or 0.0), lean), 1.0
-                else:
-                    points, stretch = outline(walls, wall, a, lean), float(walls.stretch[wall])
-                origin, along, normal = _frame(line, at, foot)
-                away = along if side == 0 else -along
-                behind = wall_behind(points, place.fields["t_m"] / stretch**2)
-                face, body = (origin + p[:, :1] / mm * away + p[:, 1:] / mm * normal for p in (points, behind))
-            faces.append(face)
-            bodies.append(body)
-        chambers.append(Inflated(faces[0], faces[1], bodies))
+        near_clamp, near_tip, body = faces[2 * k], faces[2 * k + 1], bodies[2 * k + 1]
+        if not place.has_neighbour:
+            middle, ahead, upwards = _frame(line, 0.5 * (place.first + place.last), foot)
+            corner = middle + 0.5 * (place.last - place.first) * ahead
+            near_tip = corner + np.linspace(0.0, place.height, 2)[:, None] * upwards
+            body = thick(near_tip, place.wall, -1.0)
+        chambers.append(Inflated(near_clamp, near_tip, [bodies[2 * k], body]))
     return chambers
 
 

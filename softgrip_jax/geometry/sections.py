@@ -197,8 +197,8 @@ def _finger_parts(solution: Solution, line: Line, where: Callable[[np.ndarray], 
         parts += [Outline(role, where(body)) for body in (*chamber.walls, thick(roof, place.wall))]
         if previous is not None:
             # Where a wall lies on the one before it both faces are at one place.
-            apart, near = chamber.near_clamp[:, None] - previous[None], 10 * TOUCHES * place.wall
-            touching = np.min(apart[..., 0] ** 2 + apart[..., 1] ** 2, axis=1) < near**2
+            x, y = (chamber.near_clamp[:, None, k] - previous[None, :, k] for k in (0, 1))
+            touching = np.min(x**2 + y**2, axis=1) < (10 * TOUCHES * place.wall) ** 2
             parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touching)]
         previous = chamber.near_tip
     parts.append(Outline("cover", where(band(line, thickness))))

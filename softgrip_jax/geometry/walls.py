@@ -27,6 +27,7 @@ GRID = 1024
 """Angles among which the one of a pressure is interpolated: right to a few hundred-thousandths."""
 INNER_POINTS = 41
 """Points on the inner face of a wall."""
+Number = float | np.ndarray
 FLAT = 1e-12
 """m: a wall that is so near to its plane from edge to edge cannot bulge."""
 
@@ -69,13 +70,17 @@ def _sampled(fields: dict[str, Array], finger: PneuNet, inclination: Float[Array
     return jax.vmap(one)(fields, inclination)
 
 
-def first_reached(x: np.ndarray, y: np.ndarray, value: float) -> float:
-    """The first x at which y(x), sampled, reaches a value; the last before y falls where it does not."""
-    reached = np.flatnonzero(y >= value)
-    if reached.size == 0:
-        return float(x[np.nanargmax(y)])
-    k = int(reached[0])
-    return float(x[0] if k == 0 else np.interp(value, y[k - 1 : k + 1], x[k - 1 : k + 1]))
+def first_reached(load: np.ndarray, value: float, *others: np.ndarray) -> list[np.ndarray]:
+    """Others, sampled as the load is (curves by samples), at the first point of each curve at which the load reaches a
+    value, interpolated; where none does, at its largest load. A load that is no number is none."""
+    rows, load = np.arange(len(load)), np.where(np.isfinite(load), load, -np.inf)
+    reached = load >= value
+    k = np.where(reached.any(axis=1), reached.argmax(axis=1), load.argmax(axis=1))
+    before = np.maximum(k - 1, 0)
+    low, high = load[rows, before], load[rows, k]
+    between = (low < value) & (value <= high) & np.isfinite(low)
+    share = (value - np.where(between, low, 0.0)) / np.where(between, high - low, 1.0)
+    return [np.where(between, y[rows, before] + share * (y[rows, k] - y[rows, before]), y[rows, k]) for y in others]
 
 
 def walls_at(finger: PneuNet, inclinations: np.ndarray, pressure: float, fields: dict[str, np.ndarray]) -> Walls:
@@ -86,90 +91,102 @@ def walls_at(finger: PneuNet, inclinations: np.ndarray, pressure: float, fields:
     """
     arrays = {name: jnp.asarray(fields[name], dtype=float) for name in SEGMENT_FIELDS}
     (near, lean), pressed, free = jax.tree.map(np.asarray, _sampled(arrays, finger, jnp.asarray(inclinations)))
-    angles, touches, stretches = [], [], []
-    for k in range(len(near)):
-        theta, loads, width, stretch = (v[k] for v in pressed)
-        on = width >= 0
-        touching = bool(near[k] >= 0 and on.any() and pressure > loads[on][0])
-        if touching:
-            angle = first_reached(theta[on], loads[on], pressure)
-            stretches.append(np.interp(angle, theta, stretch))
-        elif near[k] >= 0 and pressure > 0:
-            angle = first_reached(free[0][k], free[1][k], pressure)
-            stretches.append(np.interp(angle, free[0][k], free[2][k]))
-        else:
-            angle = 0.0
-            stretches.append(1.0)
-        angles.append(angle)
-        touches.append(touching)
-    return Walls(near, lean, np.array(angles), np.array(touches), np.array(stretches))
+    theta, loads, width, stretches = pressed
+    loads = np.where(width >= 0, loads, np.nan)
+    first = np.take_along_axis(loads, (width >= 0).argmax(axis=1)[:, None], axis=1)[:, 0]
+    touches = (near >= 0) & (pressure > first)
+    bulges = ~touches & (near >= 0) & (pressure > 0)
+    held, arcs = first_reached(loads, pressure, theta, stretches), first_reached(free[1], pressure, free[0], free[2])
+    angle, stretch = (
+        np.select([touches, bulges], [on, off], rest) for on, off, rest in zip(held, arcs, (0.0, 1.0), strict=True)
+    )
+    return Walls(near, lean, angle, touches, stretch)
 
 
-def pressed_outline(a: float, near: float, lean: float, angle: float) -> np.ndarray:
+# Every number below may be an array, one for each of several walls: then so is the outline, shape (walls, points, 2).
+
+
+def pressed_outline(a: Number, near: Number, lean: Number, angle: Number) -> np.ndarray:
     """A wall on its plane at theta_m2 from its nearer edge on, m.
 
     Its edges are at `near` and near + 2 a sin(lean); between them are arc, flat, arc with one radius R (4.27), which
     leave the plane tangentially and meet the edges at theta_m1 and theta_m2. The flat is what the arcs leave of the
     height.
     """
-    far = near + 2 * a * np.sin(lean)
-    if far < FLAT:
-        return straight_outline(a, near, lean)
-    radius = far / (2 * np.sin(0.5 * angle) ** 2)
-    first = 2 * np.arcsin(np.sqrt(near / far) * np.sin(0.5 * angle))
-    span = 2 * a * np.cos(lean)
-    down, up = np.linspace(first, 0, ARC_POINTS), np.linspace(0, angle, ARC_POINTS)
-    low = np.stack([radius * (1 - np.cos(down)), radius * (np.sin(first) - np.sin(down))], axis=-1)
-    high = np.stack([radius * (1 - np.cos(up)), span - radius * (np.sin(angle) - np.sin(up))], axis=-1)
-    return np.concatenate([low, high])
+    far, span = near + 2 * a * np.sin(lean), _each(2 * a * np.cos(lean))
+    curved = np.asarray(far >= FLAT)[..., None, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        radius = _each(far / (2 * np.sin(0.5 * angle) ** 2))
+        first = 2 * np.arcsin(np.sqrt(near / far) * np.sin(0.5 * angle))
+        down, up = np.linspace(first, 0, ARC_POINTS, axis=-1), np.linspace(0, angle, ARC_POINTS, axis=-1)
+        low = np.stack([radius * (1 - np.cos(down)), radius * (np.sin(_each(first)) - np.sin(down))], axis=-1)
+        high = np.stack([radius * (1 - np.cos(up)), span - radius * (np.sin(_each(angle)) - np.sin(up))], axis=-1)
+    points = np.concatenate([low, high], axis=-2)
+    return np.where(curved, points, straight_outline(a, near, lean))
 
 
-def straight_outline(a: float, near: float, lean: float) -> np.ndarray:
+def straight_outline(a: Number, near: Number, lean: Number) -> np.ndarray:
     """A wall without pressure."""
-    share = np.linspace(0.0, 2 * a, 2 * ARC_POINTS)
-    return np.stack([near + share * np.sin(lean), share * np.cos(lean)], axis=-1)
+    share = np.linspace(0.0, 2 * np.asarray(a), 2 * ARC_POINTS, axis=-1)
+    return np.stack([_each(near) + share * np.sin(_each(lean)), share * np.cos(_each(lean))], axis=-1)
 
 
-def free_outline(a: float, near: float, lean: float, angle: float) -> np.ndarray:
+def free_outline(a: Number, near: Number, lean: Number, angle: Number) -> np.ndarray:
     """A wall that bulges towards its plane as a circular arc, which meets its edges at an angle (rad)."""
-    straight = straight_outline(a, near, lean)
-    if angle < 1e-9:
-        return straight
-    along = np.linspace(-a, a, len(straight))
-    radius = a / np.sin(angle)
-    bulge = np.sqrt(np.maximum(radius**2 - along**2, 0)) - radius * np.cos(angle)
-    return straight + bulge[:, None] * np.array([-np.cos(lean), np.sin(lean)])
+    a, angle, lean = _each(a), _each(angle), _each(lean)
+    along = a * np.linspace(-1.0, 1.0, 2 * ARC_POINTS)
+    curved = angle >= 1e-9
+    radius = a / np.sin(np.where(curved, angle, 1.0))
+    bulge = np.where(curved, np.sqrt(np.maximum(radius**2 - along**2, 0)) - radius * np.cos(angle), 0.0)
+    return straight_outline(a[..., 0], near, lean[..., 0]) + np.stack(
+        [-bulge * np.cos(lean), bulge * np.sin(lean)], axis=-1
+    )
 
 
-def outline(walls: Walls, k: int, a: float, inclination: float) -> np.ndarray:
-    """Wall k from the cover upwards, m; inclination as it was asked for, negative where the walls close."""
-    shape = pressed_outline if walls.touches[k] else free_outline
-    points = shape(a, float(walls.near[k]), float(walls.lean[k]), float(walls.angle[k]))
-    if inclination < 0:
-        points = np.stack([points[:, 0], 2 * a * np.cos(inclination) - points[:, 1]], axis=-1)[::-1]
-    return points
+def _each(value: Number) -> np.ndarray:
+    """One number for each wall, beside its points."""
+    return np.asarray(value)[..., None]
 
 
-def small_strain_outline(scene: SmallStrainChamber | Linear, inflation: float, inclination: float) -> np.ndarray:
+def outlines(walls: Walls, a: Number, inclinations: np.ndarray) -> np.ndarray:
+    """The walls from the cover upwards, m; inclinations as they were asked for, negative where the walls close."""
+    angles = walls.near, walls.lean, walls.angle
+    points = np.where(walls.touches[:, None, None], pressed_outline(a, *angles), free_outline(a, *angles))
+    height = _each(2 * a * np.cos(inclinations))
+    closing = np.stack([points[..., 0], height - points[..., 1]], axis=-1)[:, ::-1]
+    return np.where(inclinations[:, None, None] < 0, closing, points)
+
+
+def small_strain_outline(scene: SmallStrainChamber | Linear, inflation: float, inclination: Number) -> np.ndarray:
     """A wall of the small-strain model: an arc as high as its inflation (m), cut off by the plane."""
     a, near = float(scene.finger.a), float(scene.finger.h_x)
     points = free_outline(a, near, inclination, 2 * float(np.arctan(inflation / a)))
-    return np.stack([np.maximum(points[:, 0], 0.0), points[:, 1]], axis=-1)
+    return np.stack([np.maximum(points[..., 0], 0.0), points[..., 1]], axis=-1)
 
 
-def wall_behind(face: np.ndarray, thickness: float) -> np.ndarray:
+def wall_behind(face: np.ndarray, thickness: Number) -> np.ndarray:
     """The outline of a wall whose outer face is given as (distance, height): all that is nearer to the face than its
     thickness, from one edge to the other. At the edges, where the wall is held, it is a little thicker for that."""
-    heights = np.linspace(face[:, 1].min(), face[:, 1].max(), INNER_POINTS)
+    faces = face.reshape(-1, *face.shape[-2:])
+    thickness = np.broadcast_to(thickness, len(faces))[:, None]
+    heights = np.linspace(faces[..., 1].min(axis=1), faces[..., 1].max(axis=1), INNER_POINTS, axis=-1)
     # The flat on the plane has no points but its ends.
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(face, axis=0).T))])
-    evenly = np.linspace(0.0, along[-1], 4 * INNER_POINTS)
-    x, z = (np.interp(evenly, along, values) for values in face.T)
-    apart = (heights[:, None] - z) / thickness
-    reach = x + thickness * np.sqrt(np.maximum(1 - apart**2, 0.0))
-    inner = np.max(np.where(np.abs(apart) <= 1, reach, -np.inf), axis=1)
+    steps = np.diff(faces, axis=1)
+    along = np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
+    along = np.concatenate([np.zeros_like(along[:, :1]), along], axis=1)
+    evenly = np.linspace(0.0, along[:, -1], 4 * INNER_POINTS, axis=-1)
+    x, z = (np.array([np.interp(*one) for one in zip(evenly, along, faces[..., k], strict=True)]) for k in (0, 1))
+    inner = np.empty_like(heights)
+    # One wall after the other: all of them at once would not stay in the processor's cache.
+    for one in range(len(faces)):
+        room = 1 - ((heights[one][:, None] - z[one]) / thickness[one]) ** 2
+        reach = x[one] + thickness[one] * np.sqrt(np.maximum(room, 0.0))
+        reach[room < 0] = -np.inf
+        inner[one] = reach.max(axis=1)
     behind = np.stack([inner, heights], axis=-1)
-    return np.concatenate([face, behind[::-1] if face[-1, 1] >= face[0, 1] else behind])
+    upwards = faces[:, -1, 1] >= faces[:, 0, 1]
+    behind = np.where(upwards[:, None, None], behind[:, ::-1], behind)
+    return np.concatenate([faces, behind], axis=1).reshape(*face.shape[:-2], -1, 2)
 
 
 def thick(face: np.ndarray, thickness: np.ndarray | float, side: float = 1.0) -> np.ndarray:
