@@ -4,10 +4,13 @@ import os
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
 from softgrip_jax.explorer.ahead import Ahead
+
+ROOT = Path(__file__).resolve().parent.parent
 
 
 def roots(numbers):
@@ -88,3 +91,23 @@ def test_a_program_is_read_and_one_that_runs_long_is_compiled_again(tmp_path):
     environment |= {"XDG_CACHE_HOME": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "good", done.stderr[-3000:]
+
+
+@pytest.mark.parametrize(("own", "threads"), [(None, "16"), ("3", "3")])
+def test_the_command_gives_xla_threads_to_spare(own, threads, monkeypatch):
+    """Two batches of linear systems at once waited for each other for ever in the two threads of two processors."""
+    from softgrip_jax.commands.explore import run_explore
+    from softgrip_jax.explorer import front
+
+    monkeypatch.delenv("PJRT_NPROC", raising=False)
+    if own is not None:
+        monkeypatch.setenv("PJRT_NPROC", own)
+    monkeypatch.setattr(os, "cpu_count", lambda: 16)
+    monkeypatch.setattr(front, "serve", lambda *args: None)
+    run_explore(ROOT / "configs" / "finger_tip_contact.toml", None, "localhost", 0, False)
+    assert os.environ["PJRT_NPROC"] == threads
+    if own is None:
+        monkeypatch.delenv("PJRT_NPROC")
+        monkeypatch.setattr(os, "cpu_count", lambda: 2)
+        run_explore(ROOT / "configs" / "finger_tip_contact.toml", None, "localhost", 0, False)
+        assert os.environ["PJRT_NPROC"] == "8"
