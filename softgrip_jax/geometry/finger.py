@@ -82,7 +82,7 @@ def chamber_places(finger: PneuNet) -> list[Place]:
     length = float(finger.L) / mm
     numbers = {name: np.asarray(getattr(finger, name)) for name in SEGMENT_FIELDS}
     if finger.segments is None:
-        pitch = float(2 * numbers["h_x"] + numbers["h_L"]) / mm
+        pitch = float(finger.pitch) / mm
         starts = np.arange(0.0, length - NOTHING, pitch)
         pitches = np.full(starts.shape, pitch)
     else:
