@@ -67,6 +67,9 @@ class Functional:
         self.size = sum(self.sizes)
         self.equations = jax.custom_jvp(self._equations)
         self.equations.defjvp(self._equations_jvp)
+        self.expand = jax.jit(self._expand)
+        """(y, scene, load) -> `Expanded`, in one pass: what Newton's method asks for. A program that asks for it in
+        several places traces it once."""
 
     # --- tables -------------------------------------------------------------------------------------------------------
 
@@ -126,8 +129,7 @@ class Functional:
             found += weights @ jax.vmap(density, in_axes=(0, 0, None, None))(e, tables.points, scene, load)
         return found
 
-    def expand(self, y: Vector, scene: Any, load: Scalar) -> Expanded:
-        """Energy, gradient and Hessian in one pass: what Newton's method asks for."""
+    def _expand(self, y: Vector, scene: Any, load: Scalar) -> Expanded:
         own = {_sheet: self._expanded_sheet, _bending: self._expanded_bending}
         parts = [own.get(term.density, self._expanded)(term, y, scene, load) for term in self.terms(scene)]
         return jax.tree.map(lambda *values: functools.reduce(jnp.add, values), *parts)
