@@ -5,17 +5,19 @@ Lengths in mm, x along the unloaded finger from the clamp, y away from the side 
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..objects.grasped import Taper
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
+from ..pneunet.finger_scene import FingerScene
 from ..pneunet.linear import Linear
 from ..pneunet.wall.small_strain import SmallStrainChamber
 from ..results import Solution
 from ..units import mm
-from .walls import outlines, small_strain_outline, thick, wall_behind, walls_at
+from .walls import TOUCHES, outlines, small_strain_outline, thick, wall_behind, walls_at
 
 POINTS = 201
 """Points along a finger: a chord is off the line by less than 0.01 mm."""
@@ -35,6 +37,11 @@ def straight(finger: PneuNet, angle: float) -> Line:
     along = np.linspace(0.0, float(finger.L) / mm, POINTS)
     turned = np.full(POINTS, angle)
     return {"X": along, "x": along * np.cos(angle), "y": along * np.sin(angle), "theta": turned}
+
+
+def clamp_angle(scene: Any) -> float:
+    """The direction in which a finger leaves its clamp, rad."""
+    return float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
 
 
 def band(line: Line, thickness: float) -> np.ndarray:
@@ -98,12 +105,13 @@ def chamber_places(finger: PneuNet) -> list[Place]:
     return [place for place in every if place.last - place.first > NOTHING]
 
 
-def box(line: Line, finger: PneuNet, place: Place) -> np.ndarray:
-    """The corners of a chamber without pressure, standing on the cover."""
-    at, half, foot = 0.5 * (place.first + place.last), 0.5 * (place.last - place.first), 0.5 * float(finger.H) / mm
-    origin, along, normal = _frame(line, at, foot)
-    corners = [(-half, 0.0), (half, 0.0), (half, place.height), (-half, place.height)]
-    return np.array([origin + s * along + z * normal for s, z in corners])
+def boxes(line: Line, finger: PneuNet, places: list[Place]) -> np.ndarray:
+    """The corners of chambers without pressure, standing on the cover, shape (chambers, 4, 2)."""
+    numbers = [(0.5 * (p.first + p.last), 0.5 * (p.last - p.first), p.height) for p in places]
+    at, half, height = np.reshape(numbers, (-1, 3)).T
+    origin, along, normal = (v[:, None] for v in _frame(line, at, 0.5 * float(finger.H) / mm))
+    s, z = (np.outer(size, signs)[..., None] for size, signs in ((half, [-1, 1, 1, -1]), (height, [0, 0, 1, 1])))
+    return origin + s * along + z * normal
 
 
 def _frame(line: Line, at: float | np.ndarray, above: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -115,11 +123,14 @@ def _frame(line: Line, at: float | np.ndarray, above: float) -> tuple[np.ndarray
 
 
 class Inflated(NamedTuple):
-    """A chamber under pressure: the outer faces of its walls from the cover upwards, and the walls behind them, mm."""
+    """A chamber under pressure: the outer faces of its walls from the cover upwards, and the walls behind them and the
+    roof between them, mm."""
 
+    place: Place
     near_clamp: np.ndarray
     near_tip: np.ndarray
     walls: list[np.ndarray]
+    """The roof is the last."""
 
     def outline(self) -> np.ndarray:
         return np.concatenate([self.near_clamp, self.near_tip[::-1]])
@@ -154,8 +165,21 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
             corner = middle + 0.5 * (place.last - place.first) * ahead
             near_tip = corner + np.linspace(0.0, place.height, 2)[:, None] * upwards
             body = thick(near_tip, place.wall, -1.0)
-        chambers.append(Inflated(near_clamp, near_tip, [bodies[2 * k], body]))
+        chambers.append(Inflated(place, near_clamp, near_tip, [bodies[2 * k], body]))
+    tops = np.array([[chamber.near_clamp[-1], chamber.near_tip[-1]] for chamber in chambers])
+    for chamber, roof in zip(chambers, thick(tops, np.array([[p.wall] for p in places])), strict=True):
+        chamber.walls.append(roof)
     return chambers
+
+
+def contacts(chambers: list[Inflated]) -> list[np.ndarray]:
+    """For every chamber but the first: which points of its face towards the clamp touch the chamber before."""
+    found = []
+    for before, chamber in pairwise(chambers):
+        # Where a wall lies on the one before it both faces are at one place.
+        x, y = (chamber.near_clamp[:, None, k] - before.near_tip[None, :, k] for k in (0, 1))
+        found.append(np.min(x * x + y * y, axis=1) < (10 * TOUCHES * chamber.place.wall) ** 2)
+    return found
 
 
 def chambers_of(solution: Solution, line: Line) -> list[Inflated]:

@@ -29,7 +29,7 @@ from ..shell.arc.grasp import Grasp as ShellGrasp
 from ..shell.energy.scene import EnergyScene
 from ..shell.flat_shell import ShellScene
 from ..units import mm
-from .finger import POINTS, band, chamber_places, chambers_of, line_of, object_outline, plate_radius, touching_point
+from .finger import POINTS, band, chambers_of, line_of, object_outline, plate_radius, touching_point
 from .sections import RIM, axis_height
 
 ROUND = 48
@@ -248,9 +248,9 @@ def _add_finger(build: _Build, solution: Solution, number: int, place: Any) -> N
     outer, inner = outline[:POINTS][::COVER_STEP], outline[POINTS:][::-1][::COVER_STEP]
     points, faces = _ladder(outer, inner, 0.5 * float(finger.B) / mm)
     build.add(f"cover {number}", place(points), faces)
-    for k, (at, chamber) in enumerate(zip(chamber_places(finger), chambers_of(solution, line), strict=True)):
+    for k, chamber in enumerate(chambers_of(solution, line)):
         walls = evenly(chamber.near_clamp, WALL_POINTS), evenly(chamber.near_tip, WALL_POINTS)
-        points, faces = _ladder(*walls, at.fields["b"] / mm)
+        points, faces = _ladder(*walls, chamber.place.fields["b"] / mm)
         build.add(f"chamber {number}.{k}", place(points), faces)
 
 

@@ -30,16 +30,18 @@ from ..units import mm
 from .finger import (
     Line,
     band,
-    box,
+    boxes,
     chamber_places,
     chambers_of,
+    clamp_angle,
+    contacts,
     line_of,
     object_outline,
     plate_radius,
     straight,
     touching_point,
 )
-from .walls import pressed_outline, thick, wall_behind
+from .walls import TOUCHES, pressed_outline, thick, wall_behind
 
 ROLES = ("object", "ghost", "air", "body", "wall", "tight", "membrane", "cover", "face", "edge", "contact", "axis")
 """From the back to the front. Areas: object, ghost (without pressure), air, body (what is rigid), wall, tight (walls
@@ -53,9 +55,8 @@ POINTS = 301
 """Points on a membrane."""
 ARROW, WITHIN = 14.0, 0.75
 """mm: length of the arrow of a force, whatever its size; at most this part of the object's radius."""
-TOUCHES, ENERGY_TOUCHES = 1e-4, 0.02
-"""A point of a membrane counts as touching where it is nearer to the object than this part of its thickness: arcs lie
-exactly on it, the energy membrane between its contact points nearly so."""
+ENERGY_TOUCHES = 0.02
+"""As TOUCHES: arcs lie exactly on an object, the energy membrane between its contact points nearly so."""
 GRID = (161, 81)
 """Points along and up, between which the outline of an object is interpolated that is known by its distance."""
 
@@ -182,25 +183,16 @@ def _newton(force: Any) -> str:
 
 def _finger_parts(solution: Solution, line: Line, where: Callable[[np.ndarray], np.ndarray]) -> list[Outline]:
     """A finger without pressure and under it, each point placed by `where`."""
-    scene: Any = solution.scene
-    finger = scene.finger
-    angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
-    rest, thickness, places = straight(finger, angle), float(finger.H) / mm, chamber_places(finger)
-    parts = [Outline("ghost", where(box(rest, finger, place))) for place in places]
+    finger, chambers = solution.scene.finger, chambers_of(solution, line)
+    rest, thickness = straight(finger, clamp_angle(solution.scene)), float(finger.H) / mm
+    parts = [Outline("ghost", where(box)) for box in boxes(rest, finger, [chamber.place for chamber in chambers])]
     parts.append(Outline("ghost", where(band(rest, thickness))))
-    chambers = chambers_of(solution, line)
-    previous = None
-    for place, chamber in zip(places, chambers, strict=True):
-        role = "wall" if place.fits else "tight"
+    touching = [np.zeros(0, bool), *contacts(chambers)]
+    for chamber, touches in zip(chambers, touching[: len(chambers)], strict=True):
+        role = "wall" if chamber.place.fits else "tight"
         parts.append(Outline("air", where(chamber.outline())))
-        roof = np.stack([chamber.near_clamp[-1], chamber.near_tip[-1]])
-        parts += [Outline(role, where(body)) for body in (*chamber.walls, thick(roof, place.wall))]
-        if previous is not None:
-            # Where a wall lies on the one before it both faces are at one place.
-            x, y = (chamber.near_clamp[:, None, k] - previous[None, :, k] for k in (0, 1))
-            touching = np.min(x**2 + y**2, axis=1) < (10 * TOUCHES * place.wall) ** 2
-            parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touching)]
-        previous = chamber.near_tip
+        parts += [Outline(role, where(body)) for body in chamber.walls]
+        parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touches)]
     parts.append(Outline("cover", where(band(line, thickness))))
     return parts
 
@@ -211,8 +203,7 @@ def _as_is(points: np.ndarray) -> np.ndarray:
 
 def _finger(solution: Solution) -> tuple[Section, ...]:
     scene: Any = solution.scene
-    finger, line = scene.finger, line_of(solution)
-    angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
+    finger, line, angle = scene.finger, line_of(solution), clamp_angle(solution.scene)
     parts = _finger_parts(solution, line, _as_is)
     highest = max((place.height for place in chamber_places(finger)), default=0.0)
     along, normal = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
@@ -443,4 +434,5 @@ def has_sections(scene: Any) -> bool:
         >>> sg.geometry.has_sections(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")))
         True
     """
-    return isinstance(scene.prepared(), tuple(_VIEWS))
+    views = tuple(_VIEWS)
+    return isinstance(scene, views) or isinstance(scene.prepared(), views)

@@ -27,6 +27,8 @@ GRID = 1024
 """Angles among which the one of a pressure is interpolated: right to a few hundred-thousandths."""
 INNER_POINTS = 41
 """Points on the inner face of a wall."""
+TOUCHES = 1e-4
+"""A point of a membrane counts as touching where it is nearer to the object than this part of its thickness."""
 Number = float | np.ndarray
 FLAT = 1e-12
 """m: a wall that is so near to its plane from edge to edge cannot bulge."""
@@ -45,9 +47,9 @@ class Walls(NamedTuple):
 
 
 @jax.jit
-def _sampled(fields: dict[str, Array], finger: PneuNet, inclination: Float[Array, " n"]) -> tuple[Any, Any, Any]:
-    """Of every wall: (near edge, lean); (theta_m2, pressure, contact width, stretch) of walls on the plane; and
-    (angle, pressure, stretch) of free ones up to where they would touch, each on a grid of angles."""
+def _at_pressure(fields: dict[str, Array], finger: PneuNet, inclination: Float[Array, " n"], pressure: Any) -> Walls:
+    """Each wall on a grid of angles, on its plane and free up to where it would touch; the angle is where the load
+    first reaches the pressure."""
 
     def one(fields, inclination):
         chamber = Chamber(dataclasses.replace(finger, **fields), inclination)
@@ -58,29 +60,38 @@ def _sampled(fields: dict[str, Array], finger: PneuNet, inclination: Float[Array
 
         def pressed(angle):
             wall = chamber.wall(angle)
-            return angle, wall.pressure, wall.contact_width, wall.stretch
+            return wall.pressure, wall.contact_width, wall.stretch
+
+        loads, width, stretches = jax.vmap(pressed)(angles)
+        loads = jnp.where(width >= 0, loads, jnp.nan)
+        touches = (near >= 0) & (pressure > loads[jnp.argmax(width >= 0)])
+        held = first_reached(loads, pressure, angles, stretches)
 
         reach = first_contact_angle(jnp.maximum(near, 0.0) / f.a, lean)
         free = reach * share
         stretch = jax.vmap(angle_over_sine)(free)
         tension = jax.vmap(lambda x: tensions(f.material, f.t_m, x, x)[0])(stretch)
-        loads = 2 * tension * jnp.sin(free) / f.a  # (4.7) with R = a / sin(theta)
-        return (near, lean), jax.vmap(pressed)(angles), (free, loads, stretch)
+        arc = first_reached(2 * tension * jnp.sin(free) / f.a, pressure, free, stretch)  # (4.7), R = a / sin(theta)
+        bulges = ~touches & (near >= 0) & (pressure > 0)
+        angle, stretch = (
+            jnp.select([touches, bulges], [on, off], rest) for on, off, rest in zip(held, arc, (0.0, 1.0), strict=True)
+        )
+        return Walls(near, lean, angle, touches, stretch)
 
     return jax.vmap(one)(fields, inclination)
 
 
-def first_reached(load: np.ndarray, value: float, *others: np.ndarray) -> list[np.ndarray]:
-    """Others, sampled as the load is (curves by samples), at the first point of each curve at which the load reaches a
-    value, interpolated; where none does, at its largest load. A load that is no number is none."""
-    rows, load = np.arange(len(load)), np.where(np.isfinite(load), load, -np.inf)
+def first_reached(load: Float[Array, " n"], value: Any, *others: Float[Array, " n"]) -> list[Array]:
+    """Others, sampled as the load is, at the first point at which the load reaches a value, interpolated; where it does
+    not, at its largest. A load that is no number is none."""
+    load = jnp.where(jnp.isfinite(load), load, -jnp.inf)
     reached = load >= value
-    k = np.where(reached.any(axis=1), reached.argmax(axis=1), load.argmax(axis=1))
-    before = np.maximum(k - 1, 0)
-    low, high = load[rows, before], load[rows, k]
-    between = (low < value) & (value <= high) & np.isfinite(low)
-    share = (value - np.where(between, low, 0.0)) / np.where(between, high - low, 1.0)
-    return [np.where(between, y[rows, before] + share * (y[rows, k] - y[rows, before]), y[rows, k]) for y in others]
+    k = jnp.where(jnp.any(reached), jnp.argmax(reached), jnp.argmax(load))
+    before = jnp.maximum(k - 1, 0)
+    low, high = load[before], load[k]
+    between = (low < value) & (value <= high) & jnp.isfinite(low)
+    share = (value - jnp.where(between, low, 0.0)) / jnp.where(between, high - low, 1.0)
+    return [jnp.where(between, y[before] + share * (y[k] - y[before]), y[k]) for y in others]
 
 
 def walls_at(finger: PneuNet, inclinations: np.ndarray, pressure: float, fields: dict[str, np.ndarray]) -> Walls:
@@ -89,18 +100,8 @@ def walls_at(finger: PneuNet, inclinations: np.ndarray, pressure: float, fields:
     Below contact a wall is a free arc. It is drawn as touching at most: where the walls are inclined the model lets
     them press a little after the free arc would touch, see `pneunet.contact_pressure`.
     """
-    arrays = {name: jnp.asarray(fields[name], dtype=float) for name in SEGMENT_FIELDS}
-    (near, lean), pressed, free = jax.tree.map(np.asarray, _sampled(arrays, finger, jnp.asarray(inclinations)))
-    theta, loads, width, stretches = pressed
-    loads = np.where(width >= 0, loads, np.nan)
-    first = np.take_along_axis(loads, (width >= 0).argmax(axis=1)[:, None], axis=1)[:, 0]
-    touches = (near >= 0) & (pressure > first)
-    bulges = ~touches & (near >= 0) & (pressure > 0)
-    held, arcs = first_reached(loads, pressure, theta, stretches), first_reached(free[1], pressure, free[0], free[2])
-    angle, stretch = (
-        np.select([touches, bulges], [on, off], rest) for on, off, rest in zip(held, arcs, (0.0, 1.0), strict=True)
-    )
-    return Walls(near, lean, angle, touches, stretch)
+    arrays = {name: np.asarray(fields[name], dtype=float) for name in SEGMENT_FIELDS}
+    return jax.device_get(_at_pressure(arrays, finger, np.asarray(inclinations, dtype=float), float(pressure)))
 
 
 # Every number below may be an array, one for each of several walls: then so is the outline, shape (walls, points, 2).
@@ -174,15 +175,14 @@ def wall_behind(face: np.ndarray, thickness: Number) -> np.ndarray:
     steps = np.diff(faces, axis=1)
     along = np.cumsum(np.hypot(steps[..., 0], steps[..., 1]), axis=1)
     along = np.concatenate([np.zeros_like(along[:, :1]), along], axis=1)
-    evenly = np.linspace(0.0, along[:, -1], 4 * INNER_POINTS, axis=-1)
+    evenly = np.linspace(0.0, along[:, -1], 2 * INNER_POINTS, axis=-1)
     x, z = (np.array([np.interp(*one) for one in zip(evenly, along, faces[..., k], strict=True)]) for k in (0, 1))
     inner = np.empty_like(heights)
     # One wall after the other: all of them at once would not stay in the processor's cache.
     for one in range(len(faces)):
         room = 1 - ((heights[one][:, None] - z[one]) / thickness[one]) ** 2
         reach = x[one] + thickness[one] * np.sqrt(np.maximum(room, 0.0))
-        reach[room < 0] = -np.inf
-        inner[one] = reach.max(axis=1)
+        inner[one] = np.where(room < 0, -np.inf, reach).max(axis=1)
     behind = np.stack([inner, heights], axis=-1)
     upwards = faces[:, -1, 1] >= faces[:, 0, 1]
     behind = np.where(upwards[:, None, None], behind[:, ::-1], behind)
@@ -190,10 +190,12 @@ def wall_behind(face: np.ndarray, thickness: Number) -> np.ndarray:
 
 
 def thick(face: np.ndarray, thickness: np.ndarray | float, side: float = 1.0) -> np.ndarray:
-    """The outline of a sheet from one of its faces, shape (n, 2): the other is to its right (side 1) or left (-1)."""
-    tangent = np.gradient(face, axis=0)
-    size = np.linalg.norm(tangent, axis=1, keepdims=True)
+    """The outline of a sheet from one of its faces, shape (..., n, 2): the other is to its right (side 1) or left (-1).
+
+    thickness: of the sheet, of each of its points, or of each sheet (shape (..., 1))."""
+    tangent = np.gradient(face, axis=-2)
+    size = np.linalg.norm(tangent, axis=-1, keepdims=True)
     tangent = tangent / np.where(size > 0, size, 1.0)
-    inward = side * np.stack([tangent[:, 1], -tangent[:, 0]], axis=-1)
-    other = face + np.reshape(thickness, (-1, 1)) * inward
-    return np.concatenate([face, other[::-1]])
+    inward = side * np.stack([tangent[..., 1], -tangent[..., 0]], axis=-1)
+    other = face + np.asarray(thickness)[..., None] * inward
+    return np.concatenate([face, other[..., ::-1, :]], axis=-2)

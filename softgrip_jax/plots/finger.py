@@ -26,9 +26,10 @@ from ..geometry.finger import (
     Inflated,
     Line,
     band,
-    box,
+    boxes,
     chamber_places,
     chambers_of,
+    clamp_angle,
     line_of,
     object_outline,
     plate_radius,
@@ -36,7 +37,6 @@ from ..geometry.finger import (
     touching_point,
 )
 from ..geometry.finger import inflated as inflated
-from ..geometry.walls import thick
 from ..objects.grasped import HexagonalCylinder, ThreeFaceCone
 from ..pneunet.finger import PneuNet
 from ..pneunet.finger_scene import FingerScene
@@ -68,26 +68,25 @@ Where = Callable[[np.ndarray], np.ndarray]
 def paint_straight(ax: Axes, finger: PneuNet, line: Line, where: Where) -> None:
     """The grey outline of a finger without pressure."""
     look: dict[str, Any] = {"fill": False, "edgecolor": GREY, "linewidth": 0.6, "zorder": 1}
-    for place in chamber_places(finger):
-        ax.add_patch(Polygon(where(box(line, finger, place)), closed=True, **look))
+    for box in boxes(line, finger, chamber_places(finger)):
+        ax.add_patch(Polygon(where(box), closed=True, **look))
     ax.add_patch(Polygon(where(band(line, float(finger.H) / mm)), closed=True, **look))
 
 
 def paint_finger(ax: Axes, finger: PneuNet, line: Line, chambers: Sequence[Inflated], where: Where) -> None:
     """A finger under pressure."""
-    for place, chamber in zip(chamber_places(finger), chambers, strict=True):
-        colour = BLUE if place.fits else VERMILION
+    for chamber in chambers:
+        colour = BLUE if chamber.place.fits else VERMILION
         look: dict[str, Any] = {"closed": True, "facecolor": colour, "edgecolor": "none", "zorder": 4}
         outer = chamber.outline()
         ax.add_patch(Polygon(where(outer), closed=True, facecolor=PALE, edgecolor="none", zorder=3))
-        roof = np.stack([chamber.near_clamp[-1], chamber.near_tip[-1]])
-        for part in (*chamber.walls, thick(roof, place.wall)):
+        for part in chamber.walls:
             ax.add_patch(Polygon(where(part), **look))
         # A white line tells two walls apart that lie on each other.
         ax.add_patch(Polygon(where(outer), closed=True, fill=False, edgecolor="white", linewidth=0.4, zorder=4.5))
     cover = band(line, float(finger.H) / mm)
     ax.add_patch(Polygon(where(cover), closed=True, facecolor=BLUE, edgecolor="white", linewidth=0.4, zorder=5))
-    tight = [place for place in chamber_places(finger) if not place.fits]
+    tight = [chamber.place for chamber in chambers if not chamber.place.fits]
     if tight:
         room = tight[0].fields["h_L"] / mm
         words = f"walls {tight[0].wall:.3g} mm thick do not fit\ninto chambers {room:.3g} mm long"
@@ -105,7 +104,7 @@ def _paint_scene(solution: Solution, axes: Sequence[Axes]) -> None:
     scene: Any = solution.scene
     (ax,) = axes
     finger, line = scene.finger, line_of(solution)
-    angle = float(scene.clamp()) if isinstance(scene, FingerScene) else 0.0
+    angle = clamp_angle(scene)
     paint_straight(ax, finger, straight(finger, angle), as_is)
     paint_finger(ax, finger, line, chambers_of(solution, line), as_is)
     _paint_clamp(ax, finger, angle)
@@ -207,11 +206,11 @@ def _faces_of_finger(
     outer, inner = cover[:POINTS], cover[POINTS:][::-1]
     for k in range(0, POINTS - 1, 10):
         faces += prism(np.array([outer[k], outer[k + 10], inner[k + 10], inner[k]]), half, BLUE)
-    for place, chamber in zip(chamber_places(finger), chambers, strict=True):
+    for chamber in chambers:
         walls = [face[:: max(1, len(face) // SPACE_POINTS)] for face in (chamber.near_clamp, chamber.near_tip)]
         ends = chamber.near_clamp[-1:], chamber.near_tip[-1:]
         section = np.concatenate([walls[0], *ends, walls[1][::-1]])
-        faces += prism(section, place.fields["b"] / mm, PALE)
+        faces += prism(section, chamber.place.fields["b"] / mm, PALE)
     return faces
 
 
