@@ -73,6 +73,8 @@ def program(
     What JAX exports is kept beside its own cache, for the versions and the sources as they are. What cannot be read or
     written is traced as if nobody had kept it.
 
+    What was exported has the shapes of its answer, `shapes`.
+
     about: what the function holds beside its arguments, in words that are different where that is. options: of XLA's
     compiler, for the versions of jaxlib that were seen.
     """
@@ -116,6 +118,7 @@ def program(
         given = jax.tree.leaves(args)
         return jax.tree.unflatten(out, called(*(jnp.asarray(given[k]) for k in numbers)))
 
+    run.shapes = jax.tree.unflatten(out, exported.out_avals)  # type: ignore[attr-defined]
     return run
 
 

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import defaultdict
 from concurrent.futures import Future
+from contextlib import suppress
 from typing import Any
 
 import jax
@@ -222,6 +223,20 @@ def state_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> St
     drawn = sections(solution) if ok and has_sections(solution.scene) else ()
     message = "" if ok else f"{status.name}: {solution.reason_text()}"
     return State(ok, message, float(solution.pressure), tuple(known), drawn, solution, scene)
+
+
+def prepare_drawing(scene: Scene, pressure: float | None, task: dict[str, float]) -> None:
+    """Have what draws a state compiled, while XLA compiles the state's own program: a state of zeros is drawn."""
+    asked = asked_of(scene, pressure, task)
+    shapes = getattr(programs.traced(*asked), "shapes", None)
+    if shapes is None or not has_sections(scene):
+        return
+    blank = jax.tree.map(lambda aval: jnp.zeros(aval.shape, aval.dtype), shapes)
+    known = jax.tree.map(lambda aval, leaf: jnp.asarray(leaf, aval.dtype), shapes.scene, asked[1])
+    # On a device of their own choice, as what a program has found: XLA compiles for that.
+    state = jax.device_put(dataclasses.replace(blank, scene=known), jax.devices()[0])
+    with suppress(Exception):  # it is no state, and may not be drawn to its end
+        sections(state)
 
 
 def prepare_state(scene: Scene, pressure: float) -> None:

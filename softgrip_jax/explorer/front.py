@@ -34,7 +34,7 @@ from ..commands.programs import is_used
 from ..errors import InputError
 from .ahead import Ahead
 from .answers import programs
-from .session import Session, first_answer, trace
+from .session import Session, first_answer, prepare_drawing, trace
 
 LOCAL = ("localhost", "127.0.0.1")
 EXPLORER = "/explorer"
@@ -216,12 +216,12 @@ class Front:
             self._loop.add_callback(self._loop.stop)
 
     def _explorer(self) -> Any:
-        """Panel's server. Python traces the first picture before it imports Panel, which takes less long than XLA
-        takes to compile that picture meanwhile."""
+        """Panel's server. Python traces the first picture, and what draws it, before it imports Panel, which takes less
+        long than XLA takes to compile that picture meanwhile."""
         question = self.make().question()
         trace(question)
-        picture = threading.Thread(target=lambda: list(first_answer(question)), name="softgrip warm", daemon=True)
-        picture.start()
+        for work in (lambda: list(first_answer(question)), partial(prepare_drawing, question)):
+            threading.Thread(target=work, name="softgrip warm", daemon=True).start()
         from .panels import server_of
 
         return server_of(self.make, EXPLORER, self.origins, partial(check_token, token=self.token), LARGEST_MESSAGE)

@@ -16,6 +16,7 @@ from bokeh.models import (
     LabelSet,
     PanTool,
     PointDrawTool,
+    Range1d,
     ResetTool,
     SaveTool,
     Span,
@@ -47,8 +48,8 @@ LINE_LOOKS = {"face": (BLUE, 1.2), "edge": ("#333333", 1.5), "contact": (VERMILI
 HEAD, SHAFT = 0.35, 0.06
 """Of an arrow's length: its head, and half the width of its shaft."""
 ROOM, FULL = 0.12, 0.6
-"""The axes of a view are wider than what is first drawn by this part of it. They stay as they are while that fills more
-than this part of them: moving a slider does not move the axes, which cost more to draw than all the rest."""
+"""Axes are wider than what is first drawn by this part of it. They stay as they are while that fills more than this
+part of them: moving a slider does not move the axes, which cost more to draw than all the rest."""
 FINE = 60
 """An outline of more points is drawn by every second of them."""
 Columns = dict[str, Any]
@@ -219,6 +220,31 @@ def _plain(one: Any) -> None:
         axis.axis_label_text_color = axis.major_label_text_color = "#333333"
 
 
+class Axis:
+    """The range of one axis: it stays while what is drawn fills it well, and where the user has moved it."""
+
+    def __init__(self, room: float = ROOM):
+        """room: beside what is drawn, a part of its length."""
+        self.range, self._room = Range1d(0, 1), room
+        self._held: tuple[float, float] | None = None
+
+    def hold(self, values: Any) -> None:
+        """Be wide enough for all finite values."""
+        known = np.asarray(values, dtype=float)
+        known = known[np.isfinite(known)]
+        if not len(known):
+            return
+        low, high = float(known.min()), float(known.max())
+        if self._held is not None:
+            left, right = self._held
+            if left <= low and high <= right and high - low > FULL * (right - left):
+                return
+        wide = self._room * (high - low) or 0.1 * abs(high) or 1.0
+        self._held = low - wide, high + wide
+        start, end = self._held
+        self.range.update(start=start, end=end, reset_start=start, reset_end=end)
+
+
 class CurveView:
     """An observable over the pressure, with the limit, the first contact, pinned curves and a point to be dragged."""
 
@@ -229,12 +255,14 @@ class CurveView:
         self.marks = ColumnDataSource({"x": [], "y": [], "text": [], "align": []})
         self.now = ColumnDataSource(dict(empty))
         self.pins = ColumnDataSource({"xs": [], "ys": [], "colour": [], "name": []})
+        self._across, self._up = Axis(), Axis(room=0.2)
         self.figure: Any = figure(
             tools=[PanTool(), WheelZoomTool(), ResetTool(), SaveTool()],
             active_scroll=None,
             active_drag=None,
             x_axis_label="pressure (kPa)",
-            y_range=DataRange1d(range_padding=0.3),
+            x_range=self._across.range,
+            y_range=self._up.range,
             sizing_mode="stretch_width",
             height=280,
             min_width=200,
@@ -277,13 +305,22 @@ class CurveView:
             marks["text"].append("contact")
             marks["align"].append("left")
         self.marks.data = marks
+        self._hold()
         self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
+
+    def _hold(self) -> None:
+        """Axes for the curve, its pins and the present state."""
+        each: list[Any] = [self.stable.data, self.unstable.data, self.now.data]
+        pins: Any = self.pins.data
+        for axis, one, many in ((self._across, "x", "xs"), (self._up, "y", "ys")):
+            axis.hold([value for data in each for value in data[one]] + [v for row in pins[many] for v in row])
 
     def show_state(self, pressure: float, value: float, kind: str) -> None:
         """The point of the present state."""
         self._is_filled = True
         try:
             self.now.data = {"x": [pressure / kPa], "y": [value / DISPLAY[kind][1]]}
+            self._hold()
         finally:
             self._is_filled = False
 
@@ -298,6 +335,7 @@ class CurveView:
         shown: Any = self.pins.data
         if columns["name"] or shown["name"]:
             self.pins.data = columns
+            self._hold()
 
 
 class HelpView:
@@ -306,7 +344,9 @@ class HelpView:
     def __init__(self, clicked: Any):
         """clicked: called with (key, elasticity)."""
         self.source = ColumnDataSource({"key": [], "value": [], "colour": [], "text": []})
+        self._across = Axis()
         self.figure: Any = figure(
+            x_range=self._across.range,
             y_range=FactorRange(),
             tools=[TapTool()],
             toolbar_location=None,
@@ -340,6 +380,7 @@ class HelpView:
         values = [round(value, 4) for _, value in bars]
         colours = [BLUE if value >= 0 else VERMILION for value in values]
         self.source.data = {"key": keys, "value": values, "colour": colours, "text": [f"{v:+.2f}" for v in values]}
+        self._across.hold([0.0, *values])
         self.figure.height = 90 + 22 * max(len(keys), 2)
 
 

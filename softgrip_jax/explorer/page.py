@@ -12,7 +12,7 @@ from io import BytesIO, StringIO
 from typing import Any
 
 import panel as pn
-from bokeh.models import ColumnDataSource, CustomJS
+from bokeh.models import ColumnDataSource, CustomJS, Slider
 from panel.models.plotly import PlotlyPlot
 
 from .. import plugins
@@ -70,12 +70,6 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
     return f'<table class="sg">{top}{"".join(body)}</table>'
 
 
-class Slider(pn.widgets.FloatSlider):
-    """A slider that tells at once: Panel's own waits 50 ms for more."""
-
-    _debounce = 0
-
-
 class Control:
     """The row of one number: what it means, a slider, a box to type in."""
 
@@ -83,8 +77,9 @@ class Control:
         self.key = number.key
         self.number = number
         """With the range that the slider has."""
+        # Bokeh's own: Panel's tells a few milliseconds later.
         self.slider = Slider(
-            name=number.key,
+            title=number.key,
             start=0,
             end=STEPS,
             step=1,
@@ -101,18 +96,18 @@ class Control:
         self.words = pn.pane.HTML(self._meant, stylesheets=[CSS], margin=(0, 10), sizing_mode="stretch_width")
         self._own = False
 
-        def slid(event: Any) -> None:
+        def slid(attribute: str, old: float, new: float) -> None:
             if not self._own:
-                moved(self, event.new / STEPS)
+                moved(self, new / STEPS)
 
         def entered(event: Any) -> None:
             if not self._own:
                 typed(self, event.new)
 
-        self.slider.param.watch(slid, "value")
+        self.slider.on_change("value", slid)
         self.box.param.watch(entered, "value")
         self.row = pn.Column(
-            pn.Row(self.slider, self.box, sizing_mode="stretch_width"),
+            pn.Row(pn.pane.Bokeh(self.slider, sizing_mode="stretch_width"), self.box, sizing_mode="stretch_width"),
             self.words,
             sizing_mode="stretch_width",
             margin=(0, 0, 4, 0),
@@ -158,9 +153,21 @@ class Words:
     state: State
 
 
-def _further(asked: tuple[Question, State]) -> Iterator[Any]:
+@dataclasses.dataclass(frozen=True)
+class Together:
+    """Answers that the browser is told at once, so that it draws once."""
+
+    stages: tuple[CurveData | Helps, ...]
+
+
+def _further(asked: tuple[Question, State], are_known: Callable[[], bool]) -> Iterator[Any]:
+    """What follows a picture. Once a scene has had its curve and bars they come together: they no longer wait for a
+    compiler."""
     yield Words(asked[1])
-    yield from further_answers(asked)
+    if are_known():
+        yield Together(tuple(further_answers(asked)))
+    else:
+        yield from further_answers(asked)
 
 
 class Page:
@@ -205,7 +212,7 @@ class Page:
         # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
         self.work: Latest[Question] = Latest(first_answer, self._deliver, self._failed)
         self.further: Latest[tuple[Question, State]] = Latest(
-            _further,
+            lambda asked: _further(asked, lambda: None not in (session.curve, session.helps)),
             lambda asked, stage: self._deliver(asked[0], stage),
             lambda asked, error: self._failed(asked[0], error),
             PAUSE,
@@ -512,8 +519,8 @@ class Page:
         return thread
 
     def _deliver(self, question: Question, stage: Any) -> None:
-        if not isinstance(stage, Words):
-            self.session.take(stage)
+        for part in stage.stages if isinstance(stage, Together) else () if isinstance(stage, Words) else (stage,):
+            self.session.take(part)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State | str):
             self.later(self._fill_boxes)
@@ -533,7 +540,10 @@ class Page:
 
     def _show(self, question: Question, stage: Any) -> None:
         kind = self.session.observables.get(question.observable, ("", None, "number"))[2]
-        if isinstance(stage, str):
+        if isinstance(stage, Together):
+            for part in stage.stages:
+                self._show(question, part)
+        elif isinstance(stage, str):
             self._grey(True)
             self.say(stage, True)
         elif isinstance(stage, State):

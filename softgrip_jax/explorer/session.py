@@ -23,6 +23,7 @@ from ..plausible import units_are_stated
 from ..results import in_units
 from ..scene import Scene
 from ..units import DISPLAY, kPa, unit_key
+from . import answers
 from .answers import (
     CurveData,
     Helps,
@@ -93,12 +94,14 @@ class Session:
         """The last answer that has a state."""
         self.curve: CurveData | None = None
         self.helps: Helps | None = None
+        """These two are of the scene that is open."""
         self.message = ""
         self.pins: list[Pin] = []
         self._open(scene, pressure)
 
     def _open(self, scene: Scene, pressure: float | None) -> None:
         self.scene = scene
+        self.curve = self.helps = None
         first = FIRST_PRESSURE if pressure is None else pressure
         doc = "gauge pressure in the actuator"
         low, high = value_range(first, "nonnegative", "pressure")
@@ -327,6 +330,12 @@ def trace(question: Question) -> None:
     """Have Python do its part of the first answer, so that XLA's is left."""
     with suppress(InputError):  # it will be told as the answer
         programs.traced(*asked_of(scene_of(question), question.pressure, question.task))
+
+
+def prepare_drawing(question: Question) -> None:
+    """Have what draws the first answer compiled, while the answer itself is."""
+    with suppress(InputError):
+        answers.prepare_drawing(scene_of(question), question.pressure, question.task)
 
 
 def first_answer(question: Question) -> Iterator[State | str]:
