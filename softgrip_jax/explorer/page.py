@@ -73,7 +73,9 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
 class Control:
     """The row of one number: what it means, a slider, a box to type in."""
 
-    def __init__(self, number: Number, value: float, moved: Callable, typed: Callable):
+    def __init__(self, number: Number, value: float, moved: Callable, typed: Callable, later: Callable):
+        """moved, typed: called with what a user does. later: acts on models of Bokeh's, as `Page.later`."""
+        self._later = later
         self.key = number.key
         self.number = number
         """With the range that the slider has."""
@@ -96,7 +98,7 @@ class Control:
         self.words = pn.pane.HTML(self._meant, stylesheets=[CSS], margin=(0, 10), sizing_mode="stretch_width")
         self._own = False
 
-        def slid(attribute: str, old: float, new: float) -> None:
+        def slid(attribute: str, old: Any, new: Any) -> None:  # a browser sends 127, not 127.0
             if not self._own:
                 moved(self, new / STEPS)
 
@@ -131,13 +133,20 @@ class Control:
         try:
             if with_slider:
                 self.number = number
-                self.slider.value = self._place(number, value)
+                self._later(partial(self._slide, self._place(number, value)))
             if with_box:
                 self.box.value = number.shown(value)
         finally:
             self._own = False
         self._meant = self._meaning(number)
         self.say(wrong)
+
+    def _slide(self, place: float) -> None:
+        self._own = True
+        try:
+            self.slider.value = place
+        finally:
+            self._own = False
 
     def say(self, sentence: str) -> None:
         """What is wrong with this number, beneath it."""
@@ -318,7 +327,7 @@ class Page:
     def _fill_controls(self) -> None:
         session = self.session
         self.controls = {
-            key: Control(number, session.values[key], self._moved, self._typed)
+            key: Control(number, session.values[key], self._moved, self._typed, self.later)
             for key, number in session.numbers.items()
         }
         self.numbers.objects = [control.row for control in self.controls.values()]
@@ -429,7 +438,7 @@ class Page:
             self.session.pin()
         else:
             self.session.unpin()
-        self._show_pins()
+        self.later(self._show_pins)
 
     def _turned(self, event: Any) -> None:
         if event.new == 1:
