@@ -25,6 +25,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.collocation import Points, between, integrals, remaining
 from ...numerics.shooting import adaptive
+from ...numerics.small_linear import solve_linear
 from ...numerics.xla import cos_and_sin, differentiated_once
 from ..section.base import SectionLaw
 
@@ -253,5 +254,5 @@ def corrected(
         return jnp.concatenate([clamped, (there - y[1:]).reshape(-1), jnp.stack([y[-1, 1], last])])
 
     u = jnp.append(states.reshape(-1), force)
-    move = jnp.linalg.solve(jax.jacfwd(every)(u), every(u))
+    move = solve_linear(jax.jacfwd(every)(u), every(u))
     return move[size - 4 : size], move[-1]
