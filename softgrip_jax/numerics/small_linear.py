@@ -81,7 +81,7 @@ def _with_factors(transposed: int) -> Callable[..., Any]:
 _plain, _transposed = _with_factors(0), _with_factors(1)
 
 
-def solve_linear(matrix: Float[Array, "n n"], right: Float[Array, n * k]) -> Float[Array, n * k]:
+def solve_linear(matrix: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
     """matrix @ x = right as by `jnp.linalg.solve`, with its derivatives; batches by chunks."""
     factors, pivots = _factors(lax.stop_gradient(matrix))
 
