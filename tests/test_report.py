@@ -1,5 +1,6 @@
 """Reports: everything of the run is in one file, nothing is fetched, and two runs are told apart."""
 
+import csv
 import json
 import re
 import shlex
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from softgrip_jax import cli
-from softgrip_jax.report.run import change, flat, numbers_of, write_report
+from softgrip_jax.report.run import change, compare_runs, flat, numbers_of, write_report
 
 CONFIG = """
 [scene]
@@ -68,6 +69,27 @@ def test_two_runs_are_compared(runs, tmp_path, capsys):
     assert re.search(r"<tr><td>scene.distance_mm</td><td>5</td><td>6.5</td></tr>", text)
     assert "scene.shell.a_mm" not in text.partition("Results")[0]
     assert shlex.join(["softgrip", "sensitivity", str(runs[1] / "config.toml")]) in text
+    # Of each quantity's elasticity both values stand in one row, as people read them, with the change.
+    texts = [(run / "elasticities.csv").read_text(encoding="utf-8") for run in runs]
+    tables = [next(csv.DictReader(text.splitlines())) for text in texts]
+    before, after = (float(table["distance"]) for table in tables)
+    row = re.search(rf"<td>{tables[0]['quantity']}: distance</td><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td>", text)
+    assert row is not None
+    assert row.groups() == (f"{before:.6g}", f"{after:.6g}", change(before, after))
+
+
+def test_tables_of_other_rows_follow_each_other(runs, tmp_path):
+    """A study that has other designs is not compared row by row."""
+    places = []
+    for name, rows in (("one", "a,1\nb,2\n"), ("other", "a,1\nc,3.0000000000001\n")):
+        place = tmp_path / name
+        place.mkdir()
+        (place / "config.toml").write_bytes((runs[0] / "config.toml").read_bytes())
+        (place / "found.csv").write_text(f"what,value\n{rows}", encoding="utf-8")
+        places.append(place)
+    text = compare_runs(*places, tmp_path / "both.html").read_text(encoding="utf-8")
+    assert "<td>b</td><td>2</td>" in text
+    assert "<td>c</td><td>3</td>" in text
 
 
 def test_mistakes_are_one_sentence(tmp_path, capsys):

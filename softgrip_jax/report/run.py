@@ -120,7 +120,7 @@ def _add_table(page: Document, path: Path) -> None:
             cells = [row[head.index(name)] for row in rows]
             status = np.array(cells) if name in ("status", "feasible") and status is None else status
             counts = Counter(filter(None, cells))
-            if counts:
+            if counts and not any(isinstance(_cell(word), float) for word in counts):
                 page.text(f"{name}: " + "; ".join(f"{n} {what}" for what, n in counts.most_common(8)))
     if len(rows) > 2:
         page.scatter(numbers_of(head, rows), status)
@@ -211,9 +211,8 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
         page.text("These runs have no result.json; their tables and pictures follow.")
     for path in sorted(first.glob("*.csv")):
         if (second / path.name).is_file() and not rows:
-            for folder in folders:
-                page.text(f"{path.name} of {folder.name}")
-                page.table(*read_table(folder / path.name))
+            page.text(path.name)
+            _compare_tables(page, head, [read_table(folder / path.name) for folder in folders])
     for picture in sorted({path.name for folder in folders for path in folder.glob("*.png")}):
         page.heading(picture.removesuffix(".png").replace("_", " "))
         for folder in folders:
@@ -225,6 +224,26 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
         page.code(command_of(kind_of(config_of(folder)), str(folder / "config.toml")))
     write_whole(out, page.html().encode())
     return out
+
+
+def _compare_tables(page: Document, names: list[str], tables: list[tuple[list[str], list[list[str]]]]) -> None:
+    """Two tables value by value where their rows are of the same things, else one after the other."""
+    (head, first), (_, second) = tables
+    cells = [row[0] for row in first]
+    if tables[0][0] != tables[1][0] or cells != [row[0] for row in second] or len(set(cells)) < len(cells):
+        for name, (columns, rows) in zip(names[1:], tables, strict=True):
+            page.text(name)
+            page.table(columns, [[_cell(cell) for cell in row] for row in rows])
+        return
+    rows, marked = [], set()
+    for one, other in zip(first, second, strict=True):
+        for column, before, after in zip(head[1:], one[1:], other[1:], strict=True):
+            pair = _cell(before), _cell(after)
+            differs = shown(pair[0]) != shown(pair[1])
+            if differs:
+                marked.add(len(rows))
+            rows.append([f"{one[0]}: {column}", *pair, change(*pair) if differs else ""])
+    page.table([*names, "change"], rows, marked)
 
 
 def change(before: Any, after: Any) -> str:
