@@ -16,8 +16,8 @@ class Latest(Generic[T]):
     """A thread that answers the newest of many questions in stages, and gives an answer up when a newer one is there.
 
     answer: gives the stages of an answer one after the other. deliver: takes each stage, in that thread. failed: takes
-    an exception of either. pause: seconds that have to pass without a newer question; PATIENCE times that is enough, and
-    the first question waits for none.
+    an exception of either. pause: seconds that have to pass without a newer question; PATIENCE times that is enough,
+    and the first question waits for none.
     """
 
     def __init__(
