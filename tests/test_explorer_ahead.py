@@ -91,3 +91,18 @@ def test_a_program_is_read_and_one_that_runs_long_is_compiled_again(tmp_path):
     environment |= {"XDG_CACHE_HOME": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300)
     assert done.stdout.strip() == "good", done.stderr[-3000:]
+
+
+@pytest.mark.parametrize(("cores", "own", "threads"), [(2, None, "8"), (16, None, "16"), (2, "3", "3")])
+def test_the_command_gives_xla_threads_to_spare(cores, own, threads, monkeypatch):
+    """Two batches of linear systems at once waited for each other for ever in the two threads of two processors."""
+    from softgrip_jax.commands.explore import run_explore
+    from softgrip_jax.explorer import front
+
+    monkeypatch.delenv("PJRT_NPROC", raising=False)
+    if own is not None:
+        monkeypatch.setenv("PJRT_NPROC", own)
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    monkeypatch.setattr(front, "serve", lambda *args: None)
+    run_explore(ROOT / "configs" / "finger_tip_contact.toml", None, "localhost", 0, False)
+    assert os.environ["PJRT_NPROC"] == threads

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import copy
 import importlib.util
+import os
 from pathlib import Path
 
 import typer
@@ -14,6 +15,9 @@ import typer
 from ..errors import ConfigError
 
 NEEDED = ("panel", "bokeh", "plotly")
+LEAST_THREADS = 8
+"""Of XLA for one program. jaxlib (0.10.1) solves a batch of linear systems in parts and waits for them in one of these
+threads: where two such batches waited in the only two, a search begun from the sliders never came to its first step."""
 
 
 def require_extra() -> None:
@@ -26,6 +30,7 @@ def require_extra() -> None:
 def run_explore(config: Path, scene: str | None, host: str, port: int, opens: bool) -> None:
     """Serve the explorer. The arguments are the options."""
     require_extra()
+    os.environ.setdefault("PJRT_NPROC", str(max(LEAST_THREADS, os.cpu_count() or 1)))
     from ..explorer.session import session_of_config
 
     first = session_of_config(config, scene)

@@ -31,7 +31,6 @@ from ..numerics.continuation import (
     Steps,
     follow,
 )
-from ..numerics.small_linear import solve_linear
 from ..reasons import Reason
 from ..results import Status
 from ..scene import BranchSolver, Found
@@ -219,7 +218,7 @@ def _directly(scene: Any, pressure: Scalar) -> tuple[Vector, Bool[Array, ""] | b
         def equations(y):
             return scene.residual_and_observables(y, one, scene.load_of(pressure))[0]
 
-        move = solve_linear(jax.jacfwd(equations)(y), equations(y))
+        move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
         norm = jnp.linalg.norm(move)
         shrinks = (norm < SHRINKING * size) | (norm < ARRIVED) | (count < FREE_STEPS)
         return y - move, norm, count + 1, good & shrinks & jnp.isfinite(norm)

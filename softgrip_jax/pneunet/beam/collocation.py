@@ -25,7 +25,6 @@ from jaxtyping import Array, Float
 
 from ...numerics.collocation import Points, between, integrals, remaining
 from ...numerics.shooting import adaptive
-from ...numerics.small_linear import solve_linear
 from ...numerics.xla import cos_and_sin, differentiated_once
 from ..section.base import SectionLaw
 
@@ -254,5 +253,5 @@ def corrected(
         return jnp.concatenate([clamped, (there - y[1:]).reshape(-1), jnp.stack([y[-1, 1], last])])
 
     u = jnp.append(states.reshape(-1), force)
-    move = solve_linear(jax.jacfwd(every)(u), every(u))
+    move = jnp.linalg.solve(jax.jacfwd(every)(u), every(u))
     return move[size - 4 : size], move[-1]
