@@ -16,8 +16,7 @@ class Latest(Generic[T]):
     """A thread that answers the newest of many questions in stages, and gives an answer up when a newer one is there.
 
     answer: gives the stages of an answer one after the other. deliver: takes each stage, in that thread. failed: takes
-    an exception of either. pause: seconds that have to pass without a newer question; PATIENCE times that is enough,
-    and the first question waits for none.
+    an exception of either. pause: seconds that have to pass without a newer question; PATIENCE times that is enough.
     """
 
     def __init__(
@@ -58,8 +57,6 @@ class Latest(Generic[T]):
             return self._news.wait_for(lambda: not (self._next or self._busy), seconds)
 
     def _wait_for_quiet(self) -> None:
-        if self._asked == 1:
-            return
         latest = time.monotonic() + PATIENCE * self._pause
         quiet = False
         while self._open and not quiet and time.monotonic() < latest:

@@ -132,8 +132,7 @@ class Control:
         self._own = True
         try:
             if with_slider:
-                self.number = number
-                self._later(partial(self._slide, self._place(number, value)))
+                self._later(partial(self._slide, number, self._place(number, value)))
             if with_box:
                 self.box.value = number.shown(value)
         finally:
@@ -141,8 +140,10 @@ class Control:
         self._meant = self._meaning(number)
         self.say(wrong)
 
-    def _slide(self, place: float) -> None:
+    def _slide(self, number: Number, place: float) -> None:
+        """The range and the place on it at once: between the two a hand's next place would mean another number."""
         self._own = True
+        self.number = number
         try:
             self.slider.value = place
         finally:
