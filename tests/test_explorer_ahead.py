@@ -93,6 +93,32 @@ def test_a_program_is_read_and_one_that_runs_long_is_compiled_again(tmp_path):
     assert done.stdout.strip() == "good", done.stderr[-3000:]
 
 
+def test_what_draws_a_state_is_compiled_beside_it(tmp_path):
+    """As a command: once a state of zeros has been drawn, drawing the first state compiles nothing more."""
+    code = textwrap.dedent("""
+        from softgrip_jax.commands import programs
+        programs.settings()
+        import jax, softgrip_jax as sg
+        from softgrip_jax.explorer import answers
+        from softgrip_jax.units import kPa, mm
+
+        shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+        asked = sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa, {}
+        answers.prepare_drawing(*asked)
+        state = answers.programs(*answers.asked_of(*asked))
+        compiled = []
+        jax.monitoring.register_event_duration_secs_listener(
+            lambda event, duration, **more: compiled.append(event) if "backend_compile" in event else None
+        )
+        assert len(answers.sections(state)) == 2
+        print("good" if compiled == [] else compiled)
+    """)
+    environment = {k: v for k, v in os.environ.items() if k not in ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")}
+    environment |= {"XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=300)
+    assert done.stdout.strip() == "good", done.stdout + done.stderr[-3000:]
+
+
 @pytest.mark.parametrize(("cores", "own", "threads"), [(2, None, "8"), (16, None, "16"), (2, "3", "3")])
 def test_the_command_gives_xla_threads_to_spare(cores, own, threads, monkeypatch):
     """Two batches of linear systems at once waited for each other for ever in the two threads of two processors."""

@@ -15,6 +15,7 @@ pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[
 from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
 from optim.tabs.search import MARGIN, NOTHING, SearchTab
 from softgrip_jax.errors import ConfigError
+from softgrip_jax.explorer.looks import FULL, ROOM, Axis
 from softgrip_jax.explorer.page import Page
 from softgrip_jax.explorer.study import StudyTab, binned_mean, open_study, studies_beneath
 
@@ -363,3 +364,22 @@ def test_a_damaged_study_is_told(page, tmp_path):
     tab = StudyTab(page, empty)
     tab.open()
     assert tab.line.text == "There is no study to open."
+
+
+def test_an_axis_stays_while_it_fits():
+    """From 0 to 10 with 12 % of room; it moves where something leaves it, or where too little of it is used."""
+    axis = Axis()
+    ends = lambda: (axis.range.start, axis.range.end)  # noqa: E731
+    axis.hold([0.0, 10.0, np.nan])
+    assert ends() == (-10 * ROOM, 10 + 10 * ROOM) == (axis.range.reset_start, axis.range.reset_end)
+    wide = 10 * (1 + 2 * ROOM)
+    axis.hold([0.0, 1.01 * FULL * wide])
+    assert ends() == (-10 * ROOM, 10 + 10 * ROOM)
+    axis.hold([0.0, 0.99 * FULL * wide])
+    assert ends()[1] == pytest.approx(0.99 * FULL * wide * (1 + ROOM))
+    axis.hold([-5.0, 20.0])
+    assert ends() == (-5 - 25 * ROOM, 20 + 25 * ROOM)
+    axis.hold([3.0])
+    assert ends() == (2.7, 3.3)
+    axis.hold([])
+    assert ends() == (2.7, 3.3)

@@ -228,9 +228,9 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
 
 def _compare_tables(page: Document, names: list[str], tables: list[tuple[list[str], list[list[str]]]]) -> None:
     """Two tables value by value where their rows are of the same things, else one after the other."""
-    (head, first), (_, second) = tables
-    cells = [row[0] for row in first]
-    if tables[0][0] != tables[1][0] or cells != [row[0] for row in second] or len(set(cells)) < len(cells):
+    (head, first), (other_head, second) = tables
+    things = [row[:1] for row in first]
+    if head != other_head or things != [row[:1] for row in second] or len(set(map(tuple, things))) < len(things):
         for name, (columns, rows) in zip(names[1:], tables, strict=True):
             page.text(name)
             page.table(columns, [[_cell(cell) for cell in row] for row in rows])

@@ -22,14 +22,10 @@ MIRRORS = {"across": (_ACROSS,), "along": (_ALONG,), "both": (_ACROSS, _ALONG)}
 """Symmetry -> what a place is multiplied by."""
 
 
-def broken_symmetry(scene: Any, symmetry: str) -> Float[Array, ""]:
-    """By how much, in a, mirroring changes the distance of the object from places over the membrane."""
-    return _broken(scene, symmetry)
-
-
 # As one program: its operations one by one would each be compiled.
 @functools.partial(jax.jit, static_argnames="symmetry")
-def _broken(scene: Any, symmetry: str) -> Float[Array, ""]:
+def broken_symmetry(scene: Any, symmetry: str) -> Float[Array, ""]:
+    """By how much, in a, mirroring changes the distance of the object from places over the membrane."""
     shell, side = scene.shell, scene.functional.touching.points
     flat = np.concatenate([side, np.ones_like(side[:, :1])], axis=1)
     sizes = jnp.stack([shell.a, shell.b, shell.a])[None]
