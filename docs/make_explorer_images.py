@@ -26,6 +26,8 @@ def search(page):
     top = tab.bounding_box()["y"] + page.evaluate("window.scrollY")
     clip = {"x": 0, "y": top, "width": 1280, "height": 760}
     page.screenshot(path=IMAGES / "explorer-search.png", full_page=True, clip=clip)
+    page.get_by_role("button", name="stop", exact=True).click()
+    page.get_by_role("button", name="run", exact=True).and_(page.locator(":enabled")).wait_for(timeout=120_000)
 
 
 def main():

@@ -23,8 +23,11 @@ gc.set_threshold(1_000_000)
 # it, too. `make test-all` and `make check` go through the optimised programs.
 unoptimised = os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1") not in ("0", "false")
 jax.config.update("jax_disable_most_optimizations", unoptimised)
+# Places in Python's sources travel through XLA with every operation, for messages that nobody reads.
+jax.config.update("jax_traceback_in_locations_limit", 0)
 if jaxlib_version < (0, 11):
-    flags = "--xla_cpu_use_fusion_emitters=false"
+    # Both processors have a worker already: a program in parts, side by side, only takes longer.
+    flags = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
     flags += " --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE" if unoptimised else ""
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flags}"
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
@@ -65,6 +68,7 @@ LONGEST = [
     "reproduce",
     "hard_cases",
     "readme",
+    "explorer_browser",
 ]
 """Modules that take more than some twenty seconds of a processor, the longest first."""
 

@@ -70,6 +70,37 @@ def test_a_curve_does_not_move_what_a_hand_holds():
     assert session.values[PRESSURE] == pytest.approx(0.24 * session.numbers[PRESSURE].high)
 
 
+@pytest.mark.filterwarnings("ignore:Widget.name")
+def test_a_key_that_was_under_way_means_what_the_hand_saw():
+    """The curve sets another range; then the browser tells a place that a hand set on the range before. That value is
+    asked for, and the slider goes to its place on the range of now. The same once more, back at the first places."""
+    from softgrip_jax.explorer.page import STEPS, Control
+
+    number = Session(plane(), 15 * kPa).numbers[PRESSURE]
+    heard, told = [], []
+    control = Control(number, 15 * kPa, lambda *said: heard.append(said[1:]), told.append, lambda act: act())
+    slider, before = control.slider, number
+    for high in (40 * kPa, 70 * kPa, 55 * kPa):
+        seen = slider.start
+        now = dataclasses.replace(number, low=0.0, high=high)
+        control.show(now, 20 * kPa)
+        assert not heard
+        assert slider.end - slider.start == STEPS
+        assert slider.start != seen
+        assert slider.value == pytest.approx(slider.start + 20 * kPa / high * STEPS, abs=0.5)
+        slider.value = seen + 250  # as Bokeh has it where the browser tells
+        slider.value = slider.start + 250
+        assert heard == [(0.25, before, False), (0.25, now, True)]
+        control.show(now, before.at(0.25))
+        assert slider.value == pytest.approx(slider.start + before.at(0.25) / high * STEPS, abs=0.5)
+        heard.clear()
+        before = now
+    control.show(before, 10 * kPa)
+    assert slider.value == pytest.approx(slider.start + 10 / 55 * STEPS, abs=0.5)
+    assert not heard
+    assert not told
+
+
 def test_what_follows_a_state_that_is_none():
     """Where a task has no state nothing is asked of its pressure, which is no number."""
     session = Session(plane(), None, {"force": 1e4})

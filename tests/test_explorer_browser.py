@@ -1,6 +1,7 @@
 """The explorer in a real browser: Debian's Chromium, driven by Playwright. It is skipped where there is none."""
 
 import http.client
+import re
 import shutil
 import socket
 import statistics
@@ -27,9 +28,10 @@ FLAGS += ["--disable-background-networking", "--disable-component-update", "--di
 DRAWN = "(window.softgrip || {drawn: []}).drawn.length"
 MOVES = 8
 
-from softgrip_jax.explorer.looks import areas_and_lines  # noqa: E402  (needs Panel)
+from softgrip_jax.explorer.controls import value_range  # noqa: E402  (needs Panel)
+from softgrip_jax.explorer.looks import areas_and_lines  # noqa: E402
 
-pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.slow]
+pytestmark = pytest.mark.filterwarnings("ignore")
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +67,12 @@ def box(page, k):
     return page.locator("input[type=text]").nth(k)
 
 
+def shows(page, k, begins):
+    """The number in a box once it begins like this."""
+    playwright.expect(box(page, k)).to_have_value(re.compile(rf"^{re.escape(begins)}"), timeout=10_000)
+    return float(box(page, k).input_value())
+
+
 def test_a_slider_by_keyboard_redraws(page):
     """Times by the browser's own clock are printed; the slowest machine has to answer within two seconds."""
     page.evaluate("document.addEventListener('keydown', () => { window.begun = performance.now(); }, true)")
@@ -79,6 +87,21 @@ def test_a_slider_by_keyboard_redraws(page):
     assert float(box(page, 0).input_value()) < 15
 
 
+def test_a_key_that_was_under_way_means_what_the_hand_saw(own):
+    """The curve has given the pressure another range; a place on the range before still means what it meant."""
+    _, shown = own
+    shown.locator(".sg-told", has_text="kPa").first.wait_for()
+    slider = """[...Bokeh.documents.flatMap(d => [...d._all_models.values()])].find(m => m.title == 'pressure_kPa')"""
+    shown.wait_for_function(f"{slider}.start == 2000 && {slider}.end == 3000", timeout=120_000)
+    assert 2000 < shown.evaluate(f"{slider}.value") < 3000
+    high = value_range(15 * kPa, "nonnegative", "pressure")[1]
+    shown.evaluate(f"{slider}.value = 300")
+    assert shows(shown, 0, "18") == 0.3 * high / kPa == 18
+    shown.wait_for_function(f"{slider}.value > 2000", timeout=10_000)
+    shown.locator(".noUi-handle").first.press("ArrowRight")
+    assert 18 < shows(shown, 0, "18.") < 18.3
+
+
 def test_nonsense_is_told_and_the_picture_stays(page):
     box(page, 1).fill("abc")
     box(page, 1).press("Enter")
@@ -88,6 +111,7 @@ def test_nonsense_is_told_and_the_picture_stays(page):
     assert page.locator(".bk-Figure canvas").count() > 0
 
 
+@pytest.mark.slow
 def test_a_page_that_is_loaded_again_has_its_picture(page):
     """What changes while a page is on its way to the browser is not lost: one in forty stayed empty."""
     for _ in range(12):
@@ -147,6 +171,7 @@ def own(browser):
     served.stop()
 
 
+@pytest.mark.slow
 def test_a_stopped_server_is_told(own):
     served, shown = own
     threading.Thread(target=served.stop).start()
@@ -154,6 +179,7 @@ def test_a_stopped_server_is_told(own):
     assert "The server does not answer" in shown.locator("#softgrip-gone").inner_text()
 
 
+@pytest.mark.slow
 def test_a_slow_server_costs_nothing(own):
     """Five seconds in which it does not answer: the page says so, and has its sliders still."""
     served, shown = own
@@ -212,6 +238,7 @@ def press(page, name):
     page.get_by_role("button", name=name, exact=True).click()
 
 
+@pytest.mark.slow
 def test_a_search_is_seen_stopped_and_opened(page):
     """The points move from step to step; stop keeps the best; its numbers go to the sliders."""
     open_tab(page, "Search from here")
@@ -235,6 +262,7 @@ def test_a_search_is_seen_stopped_and_opened(page):
     assert float(box(page, 5).input_value()) < 5  # nearer to the plane is a larger force
 
 
+@pytest.mark.slow
 def test_a_curve_is_calibrated_from_a_file(page, tmp_path):
     shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=160 * kPa))
     pressures = [8.0, 11.0, 14.0, 17.0, 20.0]
@@ -293,6 +321,7 @@ def in_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_study_is_opened_and_a_click_opens_a_design(in_folder, page):
     open_tab(page, "Study")
     press(page, "open study")
@@ -320,6 +349,7 @@ def test_a_study_is_opened_and_a_click_opens_a_design(in_folder, page):
     assert [box(page, k).input_value() for k in (0, 3, 5)] == ["12", "1.2", "4"]
 
 
+@pytest.mark.slow
 def test_every_slider_goes_to_both_ends(page):
     """Each end gives a state or a sentence, and the page goes on answering."""
     handles = page.locator(".noUi-handle")
@@ -365,6 +395,7 @@ def tab_to(page, words):
     return passed
 
 
+@pytest.mark.slow
 def test_it_works_by_keyboard_alone(page):
     """Every slider and box is reached; a search is asked for, run and opened without a mouse."""
     passed = tab_to(page, "Search from here")
@@ -432,6 +463,7 @@ def test_tabs_fit_a_telephone(page):
         assert page.evaluate("document.documentElement.scrollWidth") <= 400
 
 
+@pytest.mark.slow
 def test_a_killed_server_comes_back(browser, tmp_path):
     """SIGKILL while it searches: the page says so, and loads again once the server is back."""
     config = tmp_path / "scene.toml"

@@ -47,6 +47,8 @@ def settings() -> None:
     os.environ.setdefault(FOLDER, str(_folder))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", str(LEAST_SECONDS))
     os.environ.setdefault("OPENBLAS_NUM_THREADS", str(BLAS_THREADS))
+    # Places in Python's sources would travel through XLA with every operation: a twentieth of its time.
+    os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
     silence()
     from jaxlib.version import __version_info__ as version
 

@@ -58,6 +58,10 @@ class Number:
         """Whether the slider is on a log scale: where its range spans a decade."""
         return self.low > 0 and self.high / self.low >= 10
 
+    def has_range_of(self, other: Number) -> bool:
+        """Whether places on both sliders mean the same."""
+        return (self.low, self.high) == (other.low, other.high)
+
     @property
     def unit(self) -> float:
         """Of the key, in SI."""

@@ -33,6 +33,8 @@ PAUSE = 0.15
 first."""
 STEPS = 1000
 """Places of a slider."""
+TURN = 2 * STEPS
+"""From the first place of a slider to its first place with its next range: a place says which range it was meant on."""
 SPACE = 350
 """Pixels of the height of the picture in space: as high as one view from the side, which has the place first."""
 AS_IS = -1
@@ -70,6 +72,11 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
     return f'<table class="sg">{top}{"".join(body)}</table>'
 
 
+def place_of(number: Number, value: float) -> float:
+    """Where a value (SI) is on a slider, in places."""
+    return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
+
+
 class Control:
     """The row of one number: what it means, a slider, a box to type in."""
 
@@ -77,15 +84,16 @@ class Control:
         """moved, typed: called with what a user does. later: acts on models of Bokeh's, as `Page.later`."""
         self._later = later
         self.key = number.key
-        self.number = number
-        """With the range that the slider has."""
+        self._turn = 0
+        self._numbers = [number, number]
+        """With the range that the slider has, at its turn; and the range before, that a hand may just have seen."""
         # Bokeh's own: Panel's tells a few milliseconds later.
         self.slider = Slider(
             title=number.key,
             start=0,
             end=STEPS,
             step=1,
-            value=self._place(number, value),
+            value=place_of(number, value),
             show_value=False,
             tooltips=False,
             sizing_mode="stretch_width",
@@ -100,7 +108,8 @@ class Control:
 
         def slid(attribute: str, old: Any, new: Any) -> None:  # a browser sends 127, not 127.0
             if not self._own:
-                moved(self, new / STEPS)
+                turn, place = divmod(new, TURN)
+                moved(self, place / STEPS, self._numbers[int(turn)], turn == self._turn)
 
         def entered(event: Any) -> None:
             if not self._own:
@@ -121,10 +130,6 @@ class Control:
         ends = f"{number.shown(number.low)} to {number.shown(number.high)} {number.label}"
         return f'<span class="sg-doc">{escape(doc + ends)}</span>'
 
-    @staticmethod
-    def _place(number: Number, value: float) -> float:
-        return float(round(STEPS * min(max(number.place(value), 0.0), 1.0)))
-
     def show(
         self, number: Number, value: float, wrong: str = "", with_slider: bool = True, with_box: bool = True
     ) -> None:
@@ -132,7 +137,7 @@ class Control:
         self._own = True
         try:
             if with_slider:
-                self._later(partial(self._slide, number, self._place(number, value)))
+                self._later(partial(self._slide, number, value))
             if with_box:
                 self.box.value = number.shown(value)
         finally:
@@ -140,14 +145,20 @@ class Control:
         self._meant = self._meaning(number)
         self.say(wrong)
 
-    def _slide(self, number: Number, place: float) -> None:
-        """The range and the place on it at once: between the two a hand's next place would mean another number."""
-        self._own = True
-        self.number = number
+    def _slide(self, number: Number, value: float) -> None:
+        """The range and the place on it. Another range has other places, so that a key on its way is known by its own:
+        the slider grows to both ranges, goes to its new place, and shrinks."""
+        was_own, self._own = self._own, True
         try:
-            self.slider.value = place
+            if not number.has_range_of(self._numbers[self._turn]):
+                self._turn = 1 - self._turn
+            self._numbers[self._turn] = number
+            start = self._turn * TURN
+            self.slider.update(start=min(start, self.slider.start), end=max(start + STEPS, self.slider.end))
+            self.slider.value = start + place_of(number, value)
+            self.slider.update(start=start, end=start + STEPS)
         finally:
-            self._own = False
+            self._own = was_own
 
     def say(self, sentence: str) -> None:
         """What is wrong with this number, beneath it."""
@@ -359,10 +370,13 @@ class Page:
                 self.task.value = False
             self.ask()
 
-    def _moved(self, control: Control, place: float) -> None:
-        sentence = self.session.move(control.key, place, control.number)
+    def _moved(self, control: Control, place: float, meant: Number, is_shown: bool) -> None:
+        """meant: with the range that a hand saw, which the slider may have no more."""
+        sentence = self.session.move(control.key, place, meant)
         if not sentence:
             self._unfilled.add(control.key)
+            if not is_shown:
+                control.show(self.session.numbers[control.key], self.session.values[control.key], with_box=False)
         self._done(control, sentence)
 
     def _fill_boxes(self) -> None:
@@ -529,12 +543,15 @@ class Page:
         return thread
 
     def _deliver(self, question: Question, stage: Any) -> None:
+        is_first = self.session.good is None
         for part in stage.stages if isinstance(stage, Together) else () if isinstance(stage, Words) else (stage,):
             self.session.take(part)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State | str):
             self.later(self._fill_boxes)
         if isinstance(stage, State):
+            if is_first:  # what else is said of it waits for no hand
+                self.later(partial(self._show, question, Words(stage)))
             self.later(partial(self.further.ask, (question, stage)))
 
     def _failed(self, question: Question, error: Exception) -> None:
