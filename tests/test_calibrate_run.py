@@ -17,7 +17,16 @@ from optim.design import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
 
-FILES = {"config.toml", "calibrated.toml", "material.toml", "points.csv", "result.json", "fit.png", "report.html"}
+FILES = {
+    "config.toml",
+    "calibrated.toml",
+    "material.toml",
+    "points.csv",
+    "result.json",
+    "fit.png",
+    "report.html",
+    "summary.txt",
+}
 
 CONFIG = """
 [scene]

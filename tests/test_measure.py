@@ -129,7 +129,15 @@ def test_from_measurements_to_a_design_file(tmp_path, capsys):
     assert run(["measure", str(config), str(measured), "--out", str(out)]) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "as drawn and as built" in told
-    names = {"as_built.toml", "config.toml", "measured.toml", "numbers.csv", "result.json", "report.html"}
+    names = {
+        "as_built.toml",
+        "config.toml",
+        "measured.toml",
+        "numbers.csv",
+        "result.json",
+        "report.html",
+        "summary.txt",
+    }
     assert {p.name for p in out.iterdir()} == names
     built = configs.load(out / "as_built.toml")
     assert float(built.scene.shell.t_m) == pytest.approx(1.2 * mm, rel=0.01)

@@ -241,6 +241,7 @@ low = 1.2
         "designs",
         "front.png",
         "report.html",
+        "summary.txt",
         "result.json",
     }
     kept = optim.load_run(out)

@@ -268,7 +268,14 @@ def draws_of(read):
 def test_command_line(tmp_path, capsys):
     out = tmp_path / "plan"
     assert run(["plan", str(CONFIG), "--out", str(out)]) == 0
-    assert {p.name for p in out.iterdir()} == {"config.toml", "plan.csv", "plan.png", "report.html", "result.json"}
+    assert {p.name for p in out.iterdir()} == {
+        "config.toml",
+        "plan.csv",
+        "plan.png",
+        "report.html",
+        "result.json",
+        "summary.txt",
+    }
     told = " ".join(capsys.readouterr().out.split())
     for words in (
         "1. force on a plane",

@@ -1,15 +1,19 @@
 """Reports: everything of the run is in one file, nothing is fetched, and two runs are told apart."""
 
 import csv
+import io
 import json
 import re
 import shlex
+from html import escape
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from softgrip_jax import cli
-from softgrip_jax.report.run import change, compare_runs, flat, numbers_of, write_report
+from softgrip_jax.report.run import change, compare_runs, flat, numbers_of, tell_and_keep, write_report
+from softgrip_jax.tables import Table
 
 CONFIG = """
 [scene]
@@ -42,6 +46,9 @@ def runs(tmp_path_factory):
 def test_the_report_of_a_run_is_whole(runs):
     text = (runs[0] / "report.html").read_text(encoding="utf-8")
     assert "distance_mm = 5.0" in text
+    words = (runs[0] / "summary.txt").read_text(encoding="utf-8")
+    assert "clamp angle at 15 kPa" in words
+    assert f"<pre>{escape(words)}</pre>" in text
     assert "softgrip sensitivity config.toml" in text
     assert "11 to 21 % less than finite elements" in text
     assert "data:image/png;base64," in text
@@ -50,6 +57,37 @@ def test_the_report_of_a_run_is_whole(runs):
     assert outside == []
     value = next(line for line in (runs[0] / "elasticities.csv").read_text().splitlines() if line.startswith("force"))
     assert f"{float(value.split(',')[1]):.6g}" in text
+
+
+def test_what_is_printed_is_kept_as_it_stands(tmp_path):
+    """A table and sentences, before anything else is printed and not after."""
+    out = io.StringIO()
+    console = Console(file=out, width=60)
+    console.print("before")
+
+    def tell(console):
+        table = Table(title="[1] two")
+        table.add_column("name")
+        table.add_row("t_m[0]")
+        console.print(table)
+        console.print("as long as it takes " * 5, soft_wrap=True, markup=False)
+        return "told"
+
+    assert tell_and_keep(tmp_path, console, tell) == "told"
+    words = (tmp_path / "summary.txt").read_text(encoding="utf-8")
+    assert out.getvalue() == "before\n" + words
+    assert "t_m[0]" in words
+    console.print("after")
+    assert not console.record
+
+
+def test_a_table_of_few_rows_and_many_columns_stands_on_its_side(tmp_path):
+    (tmp_path / "config.toml").write_text(CONFIG.format(distance=5.0), encoding="utf-8")
+    names = [f"number_{k}" for k in range(9)]
+    (tmp_path / "designs.csv").write_text(f"design,{','.join(names)}\nstart,{'1.5,' * 8}2\nbest,{'2.5,' * 8}3\n")
+    text = write_report(tmp_path).read_text(encoding="utf-8")
+    assert "<tr><th>design</th><th>start</th><th>best</th></tr>" in text
+    assert "<tr><td>number_8</td><td>2</td><td>3</td></tr>" in text
 
 
 def test_nothing_of_a_config_becomes_html(tmp_path):

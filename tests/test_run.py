@@ -30,6 +30,7 @@ FILES = {
     "before_after.png",
     "convergence.png",
     "report.html",
+    "summary.txt",
 }
 
 

@@ -87,7 +87,14 @@ def test_a_config_without_the_section_shows_all_of_the_scene(tmp_path, capsys):
     for words in ("shell.material.mu", "inflation", "15 kPa", "13.407 mm"):
         assert words in printed
     names = {path.name for path in out.iterdir()}
-    assert names == {"config.toml", "sensitivity.nc", "elasticities.csv", "elasticities.png", "report.html"}
+    assert names == {
+        "config.toml",
+        "sensitivity.nc",
+        "elasticities.csv",
+        "elasticities.png",
+        "report.html",
+        "summary.txt",
+    }
     with xr.open_dataset(out / "sensitivity.nc", engine="h5netcdf") as data:
         row = data["elasticity"].sel(quantity="inflation at 15 kPa")
         assert float(row.sum()) == pytest.approx(1 + float(row.sel(by="shell.material.mu")), abs=1e-9)

@@ -248,7 +248,14 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
     same(killed, tmp_path / "any.zarr")
     assert sg.load_study(killed).sizes["design"] == DESIGNS
     assert (killed / "study.csv").read_bytes() == (whole / "study.csv").read_bytes()
-    assert {p.name for p in killed.iterdir()} == {"config.toml", STORE, "study.csv", "study.png", "report.html"}
+    assert {p.name for p in killed.iterdir()} == {
+        "config.toml",
+        STORE,
+        "study.csv",
+        "study.png",
+        "report.html",
+        "summary.txt",
+    }
 
     # Again: nothing is left to do. Another study: refused.
     assert run(["sweep", str(config), "--out", str(killed)]) == 0

@@ -1,13 +1,14 @@
 """`softgrip measure CONFIG.toml MEASURED.toml`: the design as built, what it does, and what a search would change.
 
 The folder: as_built.toml (the config with the numbers as built and the moduli of the curves), measured.toml as given,
-config.toml, numbers.csv, result.json and report.html.
+config.toml, numbers.csv, result.json, summary.txt and report.html.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import Tell, stages
 from softgrip_jax.questions import pressure_for, solve
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
@@ -80,8 +81,8 @@ def run_measure(config: Path, measured: Path, out: Path | None, console: Console
         (folder / "result.json").write_text(
             json.dumps(record(wanted, known, compared, helps), indent=2), encoding="utf-8"
         )
+        tell_and_keep(folder, console, partial(report, wanted, known, compared, helps))
         write_report(folder, final.name)
-    report(wanted, known, compared, helps, console)
     file = final / "as_built.toml"
     command = f"softgrip {'design' if 'design' in read.tables else 'solve'} {file}"
     console.print(summary("design as built", final, "" if search else command), soft_wrap=True)

@@ -2,9 +2,9 @@
 
 The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
 [material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
-result.json, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive; with a
-posterior posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or not at all,
-and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
+result.json, summary.txt, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other
+drive; with a posterior posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or
+not at all, and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
@@ -28,7 +28,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
 
@@ -87,10 +87,14 @@ def run_calibrate(
             if found is not None:
                 write_file(folder, found, wanted.numbers)
                 write_pictures(folder, found, wanted.numbers)
+
+            def tell_all(console: Console) -> None:
+                report(findings, console)
+                if found is not None:
+                    report_posterior(found, console)
+
+            tell_and_keep(folder, console, tell_all)
             write_report(folder, final.name)
-    report(findings, console)
-    if found is not None:
-        report_posterior(found, console)
     command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
     console.print(summary("fit", final, command), soft_wrap=True)
     if findings.stopped or writing.asked:

@@ -1,13 +1,14 @@
 """`softgrip design` with a front: the trade-off, a table, a picture, and a folder that keeps everything.
 
 The folder: config.toml as given, designs.csv (the front, in the order of the first goal), designs/01.toml and so on
-(each design as `softgrip solve` accepts it), result.json, front.png. It appears complete or not at all; stopped by
-Ctrl-C it holds the best designs until then.
+(each design as `softgrip solve` accepts it), result.json, summary.txt, front.png. It appears complete or not at all;
+stopped by Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.errors import located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import stages
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -41,9 +42,9 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
                 **wanted.arguments,
             )
         with DeferInterrupt() as writing:
+            tell_and_keep(folder, console, partial(report, front))
             _write(folder, given, wanted, front)
             write_report(folder, final.name)
-    report(front, console)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")
     command = next_command(wanted.problem, final / "designs" / "01.toml", front.designs[0])

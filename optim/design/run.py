@@ -1,9 +1,9 @@
 """`softgrip design CONFIG.toml`: search, a table of the best designs, and a folder that keeps everything.
 
 The folder: config.toml as given (with the parts that stood in other files), best.toml (what `softgrip solve` accepts),
-designs.csv, history.csv, result.json, convergence.png and, for every scene that has a picture, before_after.png (of
-several scenes before_after_NAME.png). It appears complete or not at all, and never replaces another. Of a search that
-is stopped by Ctrl-C it holds the best designs until then.
+designs.csv, history.csv, result.json, summary.txt, convergence.png and, for every scene that has a picture,
+before_after.png (of several scenes before_after_NAME.png). It appears complete or not at all, and never replaces
+another. Of a search that is stopped by Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import counted, stages
 from softgrip_jax.quantities import AT_REST, solution_at
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
 from softgrip_jax.spread import Spread
@@ -81,9 +81,14 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with DeferInterrupt() as writing:
-            report(result, console)  # at once: pictures take a while
+
+            def tell_all(console: Console) -> None:
+                report(result, console)
+                if robust:
+                    robust_report.tell(wanted.problem, result, robust, console)
+
+            tell_and_keep(folder, console, tell_all)  # at once: pictures take a while
             if robust:
-                robust_report.tell(wanted.problem, result, robust, console)
                 robust_report.write(folder, wanted.problem, result, robust)
             _write(folder, given, read, wanted, result, robust)
             write_report(folder, final.name)

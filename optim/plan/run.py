@@ -1,11 +1,12 @@
 """`softgrip plan CONFIG.toml`: which measurements to make, in which order, and what is known after each.
 
-The folder: config.toml as given, plan.csv (the list), result.json, plan.png and report.html.
+The folder: config.toml as given, plan.csv (the list), result.json, plan.png, summary.txt and report.html.
 """
 
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.errors import located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import stages
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
@@ -39,8 +40,8 @@ def run_plan(config: Path, out: Path | None, console: Console) -> Path:
         write_csv(folder / "plan.csv", rows(plan))
         (folder / "result.json").write_text(json.dumps(record(plan), indent=2), encoding="utf-8")
         draw(plan, folder / "plan.png")
+        tell_and_keep(folder, console, partial(report, plan))
         write_report(folder, final.name)
-    report(plan, console)
     console.print(summary("plan", final, ""), soft_wrap=True)
     return final
 

@@ -16,7 +16,7 @@ lowest is the best, and a difference of ten leaves little doubt. The points of o
 to choose the larger of two materials; the table shows the errors too. Written is the best that is stable up to twice
 the window.
 
-The folder: config.toml, material.toml (the best), materials.csv, result.json, fit.png.
+The folder: config.toml, material.toml (the best), materials.csv, result.json, summary.txt, fit.png.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from softgrip_jax.config.keys import Table
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import Tell, stages
-from softgrip_jax.report.run import write_report
+from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
@@ -108,10 +108,14 @@ def run_tension(config: Path, out: Path | None, console: Console, with_posterior
         result = _summary(found, remarks) | ({} if evidence is None else {"evidence": as_data(evidence)})
         (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
         draw(found, folder / "fit.png")
+
+        def tell_all(console: Console) -> None:
+            report(found, remarks, console)
+            if evidence is not None:
+                report_evidence(evidence, console)
+
+        tell_and_keep(folder, console, tell_all)
         write_report(folder, final.name)
-    report(found, remarks, console)
-    if evidence is not None:
-        report_evidence(evidence, console)
     command = 'material = "material.toml" in a config in this folder.'
     console.print(summary("fit", final, command), soft_wrap=True)
     return final

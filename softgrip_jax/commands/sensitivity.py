@@ -9,13 +9,14 @@ that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distrib
 `posterior`, a file of `softgrip calibrate --posterior`, scatters the numbers that it knows as its draws do. Names and
 states are those of `softgrip_jax.config.keys`.
 
-The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png and, where there
-are tolerances, tolerances.csv.
+The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png, summary.txt and,
+where there are tolerances, tolerances.csv.
 """
 
 from __future__ import annotations
 
 import csv
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,7 +33,7 @@ from ..folders import contents, new_folder
 from ..parameters import Parameter
 from ..progress import stages
 from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
-from ..report.run import write_report
+from ..report.run import tell_and_keep, write_report
 from ..results import Status, in_units
 from ..study import sensitivity
 from ..tables import Table as PrintedTable
@@ -135,8 +136,8 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
         data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
         _write(folder, data)
         _draw(folder, data)
+        tell_and_keep(folder, console, partial(report, data))
         write_report(folder, final.name)
-    report(data, console)
     console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
     return final
 

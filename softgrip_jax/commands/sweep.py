@@ -10,7 +10,8 @@ method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "
 per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
 [[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.config.keys`.
 
-The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture and, where asked for, study.csv.
+The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture, summary.txt and, where asked for,
+study.csv.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import dataclasses
 import shutil
 from collections import Counter
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -38,7 +40,7 @@ from ..parameters import Parameter
 from ..progress import counted
 from ..quantities import State, solution_at
 from ..reasons import Reason
-from ..report.run import write_report
+from ..report.run import tell_and_keep, write_report
 from ..results import Status
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
@@ -270,8 +272,10 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
                 draw(data, folder / "study.png")
             if where.csv:
                 write_whole(folder / "study.csv", lambda path: write_csv(data, path))
+            told = tell_and_keep(folder, console, partial(tell, data))
             write_report(folder)
-        told = tell(data, console)
+        else:
+            told = tell(data, console)
         reasons = why_nothing(study, data)
     if folder is not None:
         console.print(f"The study is in {folder}: {contents(folder)}.", soft_wrap=True)

@@ -25,7 +25,7 @@ img { max-width: 100%; } .note { color: #4a4a4a; font-size: 0.85rem; } .differs 
   body { max-width: none; margin: 0; } h2 { break-after: avoid; } tr, img, figure, .plot { break-inside: avoid; }
   .wide { overflow: visible; } .wide table { font-size: 0.6rem; } .wide td, .wide th { overflow-wrap: anywhere; }
   .wide td, .wide th { padding: 0.1rem 0.25rem; } .bk-toolbar { display: none; }
-  select { border: none; appearance: none; }
+  pre { font-size: 0.62rem; } select { border: none; appearance: none; }
 }
 """
 MOST_ROWS = 60

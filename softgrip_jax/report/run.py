@@ -9,10 +9,12 @@ import shlex
 import time
 import tomllib
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
+from rich.console import Console
 
 from .._version import __version__
 from ..errors import ConfigError, InputError
@@ -20,9 +22,12 @@ from ..folders import write_whole
 from ..model_error import model_error
 from .document import Document, shown
 
-NAME = "report.html"
+NAME, WORDS = "report.html", "summary.txt"
+T = TypeVar("T")
 SECTIONS = ("design", "calibrate", "tension", "plan", "sweep", "sensitivity")
 """Sections of configs, by which a run is told from others; the command of a tension test is calibrate."""
+FEW = 6
+"""A table of at most so many rows, with more columns than that, stands on its side."""
 MOST_DESIGNS = 2000
 """Designs of a study that are read for its plot."""
 
@@ -80,6 +85,17 @@ def config_of(folder: Path) -> dict[str, Any]:
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
+def tell_and_keep(folder: Path, console: Console, tell: Callable[[Console], T]) -> T:
+    """Print what a run has found, and leave the same words in its folder, where its report begins with them."""
+    console.record = True
+    try:
+        found = tell(console)
+        write_whole(folder / WORDS, console.export_text().encode())
+    finally:
+        console.record = False
+    return found
+
+
 def write_report(folder: Path, name: str | None = None) -> Path:
     """Write report.html into the folder of a run, from its files; `name`: the folder's name in the end."""
     config, result = config_of(folder), read_json(folder / "result.json")
@@ -88,11 +104,14 @@ def write_report(folder: Path, name: str | None = None) -> Path:
     page.heading("What was asked")
     page.code((folder / "config.toml").read_text(encoding="utf-8"))
     page.heading("What came out")
-    if result:
-        scalars = {k: v for k, v in flat(result).items() if not isinstance(v, list) or len(v) <= 4}
-        page.table(["", "value (SI where a unit is not said)"], [[k, v] for k, v in scalars.items() if k != "units"])
+    if (folder / WORDS).is_file():
+        page.code((folder / WORDS).read_text(encoding="utf-8"))
     for picture in sorted(folder.glob("*.png")):
         page.picture(picture)
+    if result:
+        page.heading("Every number")
+        scalars = {k: v for k, v in flat(result).items() if not isinstance(v, list) or len(v) <= 4}
+        page.table(["", "value (SI where a unit is not said)"], [[k, v] for k, v in scalars.items() if k != "units"])
     for table in sorted(folder.glob("*.csv")):
         _add_table(page, table)
     _add_study(page, folder)
@@ -124,7 +143,10 @@ def _add_table(page: Document, path: Path) -> None:
                 page.text(f"{name}: " + "; ".join(f"{n} {what}" for what, n in counts.most_common(8)))
     if len(rows) > 2:
         page.scatter(numbers_of(head, rows), status)
-    page.table(head, [[_cell(cell) for cell in row] for row in rows])
+    cells = [[_cell(cell) for cell in row] for row in rows]
+    if len(rows) <= FEW < len(head):  # a wide page is scrolled, and paper is not wide
+        head, *cells = [list(column) for column in zip(head, *cells, strict=True)]
+    page.table([str(name) for name in head], cells)
 
 
 def _cell(text: str) -> Any:
