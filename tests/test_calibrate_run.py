@@ -5,6 +5,7 @@ import csv
 import io
 import json
 import shlex
+import shutil
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from softgrip_jax.cli import STOPPED, run
 
 FILES = {
     "config.toml",
+    "data.csv",
     "calibrated.toml",
     "material.toml",
     "points.csv",
@@ -91,6 +93,19 @@ def test_the_folder_is_complete_and_tells_what_was_left_out(finished):
     assert len(rows) == 15
     errors = np.array([float(row["fitted"]) - float(row["measured"]) for row in rows])
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(result["curves"]["free"]["rmse"] * 1e3, rel=1e-6)
+
+
+def test_a_run_is_repeated_from_its_folder_alone(finished, tmp_path, monkeypatch):
+    """As its report says: `softgrip calibrate config.toml` there, where the first config and its data are gone."""
+    _, out, _ = finished
+    assert (out / "config.toml").read_bytes() == (out.parent / "fit.toml").read_bytes()
+    alone = tmp_path / "alone"
+    shutil.copytree(out, alone)
+    assert "Type in that folder:" in (out / "report.html").read_text()
+    monkeypatch.chdir(alone)
+    assert run(["calibrate", "config.toml", "--out", "again"]) == 0
+    results = [json.loads((folder / "result.json").read_text()) for folder in (out, alone / "again")]
+    assert results[0]["parameters"] == results[1]["parameters"]
 
 
 def test_stopped_after_the_fit_it_keeps_the_fit(monkeypatch, tmp_path, capsys):

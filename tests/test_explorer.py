@@ -101,6 +101,78 @@ def test_a_key_that_was_under_way_means_what_the_hand_saw():
     assert not told
 
 
+@pytest.mark.filterwarnings("ignore:Widget.name")
+def test_what_the_page_sets_itself_is_no_hand():
+    """Within one message Bokeh tells of a change only when the message is done, whoever made it: a point that the page
+    placed was taken for one that was dragged, and the task of the config ended by itself."""
+    from bokeh.document import Document
+
+    from softgrip_jax.explorer.looks import CurveView
+    from softgrip_jax.explorer.page import Control
+
+    number = Session(plane(), 15 * kPa).numbers[PRESSURE]
+    heard = []
+    control = Control(number, 15 * kPa, lambda *said: heard.append(said[1]), lambda *said: None, lambda act: act())
+    view = CurveView(heard.append)
+    document = Document()
+    document.add_root(view.figure)
+    document.add_root(control.slider)
+    document.hold("combine")
+    view.show_state(12.3456789 * kPa, 3.0, "force")
+    control.show(number, 20 * kPa)
+    control.show(dataclasses.replace(number, high=50 * kPa), 21 * kPa)
+    document.unhold()
+    assert heard == []
+    view.now.data = {"x": [14.0], "y": [3.0]}  # a hand's, and then back to where the page had put it
+    view.now.data = {"x": [12.3456789], "y": [3.0]}
+    assert heard == [14 * kPa, pytest.approx(12.3456789 * kPa)]
+    place = control.slider.value
+    control.slider.value = place + 10
+    control.slider.value = place
+    assert heard[2:] == [pytest.approx(0.43), pytest.approx(0.42)]
+
+
+def test_every_material_is_chosen_as_stiff_as_the_one_before():
+    session = Session(plane(), 15 * kPa)
+    choice = session.choices["shell.material.type"]
+    assert {"NeoHookean", "MooneyRivlin", "Yeoh", "Gent", "Ogden"} <= set(choice.options)
+    for name in (*choice.options, "NeoHookean"):
+        assert session.choose(choice.key, name) == ""
+        assert type(session.scene.shell.material).__name__ == name
+        assert float(session.scene.shell.material.shear_modulus()) == pytest.approx(175 * kPa, rel=1e-12)
+    assert session.values["shell.material.mu_kPa"] == pytest.approx(175 * kPa, rel=1e-12)
+
+
+def test_every_object_and_number_of_fingers_that_is_offered_can_be_chosen():
+    session = Session(configs.load("configs/finger_grasp.toml").scene, None)
+    assert min(session.choices["gripper.n"].options) == 2
+    for name in session.choices["object.type"].options:
+        assert session.choose("object.type", name) == ""
+        assert type(session.scene.object).__name__ == name
+        for count in session.choices["gripper.n"].options:
+            assert session.choose("gripper.n", count) == ""
+    assert session.choose("gripper.n", 1).startswith("[scene.gripper]: Gripper.n is 1; it must be")
+
+
+def test_what_was_typed_far_away_leaves_no_trace_on_the_slider():
+    session = Session(plane(), 15 * kPa)
+    for text in ("1e6", "1e-6", "16"):
+        assert session.type_in("shell.a_mm", text) == ""
+    number = session.numbers["shell.a_mm"]
+    assert 1 * mm < number.low < 16 * mm < number.high < 100 * mm
+
+
+def test_pins_tell_choices_that_differ():
+    session = answered(Session(plane(), 15 * kPa))
+    session.pin()
+    assert session.choose("shell.material.type", "Gent") == ""
+    answered(session)
+    heads, rows = session.differences()
+    assert heads == ["", "pin 1", "now"]
+    assert ["shell.material.type", "NeoHookean", "Gent"] in rows
+    assert next(row for row in rows if row[0].startswith("shell.material.") and row[1] == "")[2] != ""
+
+
 def test_what_follows_a_state_that_is_none():
     """Where a task has no state nothing is asked of its pressure, which is no number."""
     session = Session(plane(), None, {"force": 1e4})

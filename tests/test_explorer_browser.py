@@ -126,8 +126,46 @@ def test_a_state_that_is_none_leaves_picture_and_numbers_of_the_last_one(page):
     box(page, 5).press("Enter")
     page.locator(".sg-wrong").first.wait_for(timeout=20_000)
     page.wait_for_timeout(1000)
-    assert page.locator("table.sg").first.inner_text() == before
+    words, after = " of the last state, at 15 kPa", page.locator("table.sg").first.inner_text()
+    assert words in after
+    assert after.replace(words, "") == before
     assert page.locator(".bk-Figure canvas").count() > 0
+
+
+def test_a_picture_is_grey_while_it_is_of_another_state(page):
+    """Nonsense and a state that is none leave the last good picture in grey; the next state has its colours."""
+    greys = """() => { const seen = []; const walk = (node) => { for (const one of node.querySelectorAll('*')) {
+      if (one.shadowRoot) walk(one.shadowRoot);
+      if (getComputedStyle(one).filter.startsWith('grayscale')) seen.push(one); } };
+      walk(document); return seen.length; }"""
+    assert page.evaluate(greys) == 0
+    for text, good in (("abc", "15"), ("900", "14")):
+        box(page, 0).fill(text)
+        box(page, 0).press("Enter")
+        page.wait_for_function(f"({greys})() > 0", timeout=20_000)
+        box(page, 0).fill(good)
+        box(page, 0).press("Enter")
+        page.wait_for_function(f"({greys})() == 0", timeout=20_000)
+
+
+def test_the_task_of_a_config_stays_until_a_hand_ends_it(browser):
+    """Its point on the curve is put there by the page: that is no drag."""
+    scene = configs.load("configs/shell_grasp.toml").scene
+    served = sg.explore(scene, opens=False)
+    shown = browser.new_page()
+    shown.goto(served.address)
+    tick, wanted = shown.locator("input[type=checkbox]:visible").first, float(sg.pressure_for(scene).pressure) / kPa
+    for _ in range(2):
+        shown.locator(".sg-told", has_text="kPa").first.wait_for(timeout=60_000)
+        shown.wait_for_timeout(1500)
+        assert tick.is_checked()
+        assert float(box(shown, 0).input_value()) == pytest.approx(wanted, rel=1e-5)
+        shown.reload()
+    shown.locator(".sg-told", has_text="kPa").first.wait_for(timeout=60_000)
+    shown.locator(".noUi-handle").first.press("ArrowRight")
+    playwright.expect(tick).not_to_be_checked(timeout=10_000)
+    shown.close()
+    served.stop()
 
 
 def test_two_browsers_have_sliders_of_their_own(page, browser, address):

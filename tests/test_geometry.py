@@ -4,10 +4,13 @@ import itertools
 import struct
 from collections import Counter
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softgrip_jax as sg
+from softgrip_jax.geometry.mesh import _add_obstacle, _Build
+from softgrip_jax.shell import obstacles
 from softgrip_jax.units import kPa, mm
 
 
@@ -61,6 +64,28 @@ def test_the_membrane_lies_on_the_plane(pressed):
     assert plane[:, 2].min() == pytest.approx(5 * mm, rel=1e-9)
 
 
+BODIES = {
+    "plane": obstacles.Plane(height=6 * mm, tilt_x=0.1, tilt_y=0.05),
+    "cylinder": obstacles.Cylinder(radius=20 * mm, gap=6 * mm, offset_x=2 * mm, heading=0.4, incline=0.05),
+    "sphere": obstacles.Sphere(radius=20 * mm, gap=6 * mm, offset_y=3 * mm),
+    "box": obstacles.Box(30 * mm, 5 * mm, 8 * mm, rounding=0.1 * mm, gap=6 * mm, offset_x=1 * mm, heading=0.4),
+}
+
+
+@pytest.mark.parametrize("body", BODIES.values(), ids=list(BODIES))
+def test_an_object_is_drawn_where_its_distance_is_zero(body):
+    """All corners are on its surface, or behind it where what is endless is cut; all of it is above the shell."""
+    build = _Build()
+    _add_obstacle(build, body, 20.0, 47.0)
+    mesh = build.mesh()
+    distance = np.array([float(body.distance(jnp.asarray(point))) for point in mesh.points])
+    assert distance.max() < 0.2 * mm
+    on = np.abs(distance) < 0.2 * mm
+    assert on.sum() >= (4 if isinstance(body, obstacles.Plane) else len(on))
+    assert mesh.volume("object") >= 0
+    assert mesh.points[:, 2].min() > 0
+
+
 def test_what_touches_is_marked(pressed):
     """The contact is as wide and as long as the observables say."""
     views = sg.geometry.sections(pressed)
@@ -69,6 +94,30 @@ def test_what_touches_is_marked(pressed):
         assert np.ptp(line[:, 0]) == pytest.approx(2 * float(half) / mm, rel=0.03)
         assert np.allclose(line[:, 1], 5.0, atol=0.02)
         assert f"{float(pressed.force):.3g} N" == view.forces[0].text
+
+
+def test_an_inclined_plane_is_drawn_on_the_membrane():
+    """The membrane is as large as its opening; it touches the plane, and is beneath it."""
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    mesh = sg.solve(sg.shell.InclinedContact(shell, distance=5 * mm, angle=0.05), 15 * kPa).mesh()
+    membrane, plane = (mesh.points[np.unique(mesh.of_kind(kind))] for kind in ("membrane", "object"))
+    assert np.abs(membrane[:, :2]).max(axis=0) == pytest.approx([16 * mm, 43 * mm], rel=0.02)
+    normal = np.array([np.sin(0.05), 0, np.cos(0.05)])
+    assert (plane @ normal).min() == pytest.approx((membrane @ normal).max(), abs=0.1 * mm)
+
+
+def test_chambers_that_touch_are_marked(bent):
+    """Of a finger that bends evenly all walls touch alike, and the more the higher the pressure."""
+    lengths = []
+    for state in (sg.solve(bent.scene, 1 * kPa), bent, sg.solve(bent.scene, 30 * kPa)):
+        [view] = sg.geometry.sections(state)
+        lengths.append([np.linalg.norm(line[-1] - line[0]) for line in view.of_role("contact")])
+    low, middle, high = lengths
+    assert low == []
+    assert len(middle) == len(high) == len(bent.mesh().names) - 2  # one less than there are chambers
+    np.testing.assert_allclose(middle[:-1], middle[0], rtol=1e-6)
+    assert middle[-1] == pytest.approx(middle[0], rel=0.01)  # the last chamber is cut by the finger's end
+    assert min(high) > 1.05 * max(middle)
 
 
 def test_files_hold_the_mesh(bent, tmp_path):

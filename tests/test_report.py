@@ -1,18 +1,33 @@
 """Reports: everything of the run is in one file, nothing is fetched, and two runs are told apart."""
 
+import base64
 import csv
+import gzip
 import io
 import json
 import re
 import shlex
+import tomllib
 from html import escape
 
 import numpy as np
 import pytest
+from conftest import ROOT
 from rich.console import Console
 
-from softgrip_jax import cli
-from softgrip_jax.report.run import change, compare_runs, flat, numbers_of, tell_and_keep, write_report
+from softgrip_jax import cli, model_error
+from softgrip_jax.reasons import Reason
+from softgrip_jax.report.inputs import keep_inputs
+from softgrip_jax.report.run import (
+    change,
+    compare_runs,
+    differs,
+    flat,
+    how_to_repeat,
+    numbers_of,
+    tell_and_keep,
+    write_report,
+)
 from softgrip_jax.tables import Table
 
 CONFIG = """
@@ -48,7 +63,8 @@ def test_the_report_of_a_run_is_whole(runs):
     assert "distance_mm = 5.0" in text
     words = (runs[0] / "summary.txt").read_text(encoding="utf-8")
     assert "clamp angle at 15 kPa" in words
-    assert f"<pre>{escape(words)}</pre>" in text
+    shown = re.sub(r"</?span[^>]*>", "", text)
+    assert all(escape(line) in shown for line in words.splitlines())
     assert "softgrip sensitivity config.toml" in text
     assert "11 to 21 % less than finite elements" in text
     assert "data:image/png;base64," in text
@@ -145,6 +161,128 @@ def test_the_report_of_a_curve(tmp_path):
     text = page.read_text(encoding="utf-8")
     assert "status: " in text
     assert "--to-kPa 20 --points 5" in text
+
+
+def points_of(text):
+    """The columns of the first interactive plot of a page as Bokeh's script has them."""
+    documents = json.loads(re.search(r"const docs_json = '(.*?)';", text)[1].replace("\\\\", "\\"))
+    (document,) = documents.values()
+    data = {}
+
+    def look(value):
+        if isinstance(value, dict):
+            if value.get("type") == "map" and any(entry[0] == "colour" for entry in value.get("entries", [])):
+                data.update(value.get("entries", []))
+            value = list(value.values())
+        for one in value if isinstance(value, list) else ():
+            look(one)
+
+    look(document)
+    found = {}
+    for name, values in data.items():
+        if isinstance(values, dict):
+            bytes_ = base64.b64decode(values["array"]["data"])
+            values = np.frombuffer(gzip.decompress(bytes_) if bytes_[:2] == b"\x1f\x8b" else bytes_, values["dtype"])
+        found[name] = values
+    return found
+
+
+def test_what_has_no_state_is_not_drawn(tmp_path):
+    """A curve that goes on where the scene cannot exist: its values are missing, not zero; reasons are sentences."""
+    page = tmp_path / "curve.html"
+    config = ROOT / "configs" / "finger_tip_contact.toml"
+    options = ["--through-limit", "--observable", "tip_angle_deg", "--report", str(page)]
+    assert cli.run(["path", str(config), *options]) == 0
+    text = page.read_text(encoding="utf-8")
+    points = points_of(text)
+    good = np.array(points["status"]) == "OK"
+    assert 0 < good.sum() < len(good)
+    np.testing.assert_array_equal(np.isfinite(points["y"]), good)
+    np.testing.assert_array_equal(points["y"], points["tip_angle_deg"])
+    np.testing.assert_array_equal(points["x"], points["pressure_kPa"])
+    assert f"{(~good).sum()} CHAMBERS_APART ({Reason.CHAMBERS_APART.text()})" in text
+    assert text.count("<figure>") == 1
+    assert model_error.TIP.split(";")[0] in text
+    assert "--points 41 --through-limit --observable tip_angle_deg</pre>" in text
+
+
+def test_points_of_two_units_are_two_plots_and_mixed_columns_none(tmp_path):
+    (tmp_path / "config.toml").write_text(CONFIG.format(distance=5.0), encoding="utf-8")
+    head = "curve,pressure_kPa,strain,quantity,unit,measured,fitted"
+    lines = [f"{name},{k},,{what},{unit},{k}.5,{k}" for name, what, unit in CURVES for k in range(3)]
+    (tmp_path / "points.csv").write_text("\n".join([head, *lines]) + "\n")
+    (tmp_path / "elasticities.csv").write_text("quantity,value_SI,a\nforce,1,2\narea,3,4\npressure,5,6\n")
+    text = write_report(tmp_path).read_text(encoding="utf-8")
+    assert text.count('class="plot"') == 2
+    np.testing.assert_array_equal(points_of(text)["y"], [0.5, 1.5, 2.5])
+    assert '"force, measured (N)"' in text
+    assert '"inflation, measured (mm)"' in text
+
+
+CURVES = (("free", "inflation", "mm"), ("held", "force", "N"))
+
+SWEEP = """
+[[sweep.observables]]
+name = "force_N"
+at = { pressure_kPa = [4, 15] }
+
+[sweep]
+method = "csv"
+file = "../designs.csv"
+"""
+
+
+def test_a_sweep_says_why_and_is_repeated_from_its_folder(tmp_path, monkeypatch):
+    """Reasons in words; the first varied number across, the first quantity up, in mm and N; its designs beside it."""
+    (tmp_path / "configs").mkdir()
+    (tmp_path / "designs.csv").write_text("distance_mm,shell.a_mm\n4,16\n5,16\n6,15\n")
+    config = tmp_path / "configs" / "flat.toml"
+    config.write_text(CONFIG.format(distance=5.0) + SWEEP, encoding="utf-8")
+    assert cli.run(["sweep", str(config), "--out", str(tmp_path / "out")]) == 0
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert f"NO_CONTACT, NOTHING_TOUCHED: {escape(Reason.NOTHING_TOUCHED.text())}" in text
+    np.testing.assert_allclose(points_of(text)["x"], [4, 5, 6])
+    assert '"force_at_4_kPa_N"' in text
+    assert "softgrip sweep config.toml" in text
+    (tmp_path / "designs.csv").unlink()
+    monkeypatch.chdir(tmp_path / "out")
+    assert cli.run(["sweep", "config.toml", "--out", "again"]) == 0
+    assert (tmp_path / "out" / "again" / "summary.txt").read_text() == (tmp_path / "out" / "summary.txt").read_text()
+
+
+def test_files_of_a_run_never_replace_each_other(tmp_path):
+    """Files outside the folder of the config, or named as the run names its own, go to data/ under free names."""
+    given, run = tmp_path / "given", tmp_path / "run"
+    for folder in (given, given / "in", run):
+        folder.mkdir()
+    for place, words in (("x.csv", "outside"), ("given/points.csv", "own"), ("given/in/x.csv", "inside")):
+        (tmp_path / place).write_text(words)
+    config = given / "c.toml"
+    config.write_text('[tension]\nfile = ["../x.csv", "points.csv", "in/x.csv"]\nfit = "../x.csv"\n')
+    keep_inputs(run, config, ["points.csv"])
+    table = tomllib.loads((run / "config.toml").read_text())["tension"]
+    assert table == {"file": ["data/x.csv", "data/points.csv", "in/x.csv"], "fit": "../x.csv"}
+    assert [(run / name).read_text() for name in table["file"]] == ["outside", "own", "inside"]
+    assert not (run / "points.csv").exists()
+    assert how_to_repeat(run, {"tension": table}).endswith("Type in that folder:")
+    (run / "in" / "x.csv").unlink()
+    assert "not kept in the folder of the run (in/x.csv)" in how_to_repeat(run, {"tension": table})
+
+
+def test_rounding_is_no_change(tmp_path):
+    assert change(1.0, 1.0 + 1e-12) == ""
+    assert change(0.0, -1.84e-14) == ""
+    assert change(1.0, 1.0 + 1e-8) == "1e-08 (+1e-06 %)"
+    assert not differs([1.0, 0.0], [1.0 + 1e-12, 1e-13])
+    assert differs([1.0, 0.0], [1.0, 1e-3])
+    assert differs(None, 1.0)
+    assert differs(True, False)
+    places = [tmp_path / "one", tmp_path / "other"]
+    for place, area in zip(places, (2.0, 2.0 + 1e-13), strict=True):
+        place.mkdir()
+        (place / "config.toml").write_text(CONFIG.format(distance=5.0), encoding="utf-8")
+        (place / "result.json").write_text(json.dumps({"area": area}))
+    assert 'class="differs"' not in compare_runs(*places, tmp_path / "both.html").read_text(encoding="utf-8")
 
 
 def test_tables_are_read_as_numbers():

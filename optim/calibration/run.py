@@ -1,10 +1,11 @@
 """`softgrip calibrate CONFIG.toml`: parameters from measured curves, in a folder that keeps everything.
 
-The folder: config.toml as given, calibrated.toml (the scenes with the fitted numbers), material.toml (its section
-[material], for `material = "material.toml"` in another config), points.csv (every point, its fit and error),
-result.json, summary.txt, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other
-drive; with a posterior posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or
-not at all, and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
+The folder: config.toml as given and the measured files that it names, so that the run is repeated from there;
+calibrated.toml (the scenes with the fitted numbers), material.toml (its section [material], for
+`material = "material.toml"` in another config), points.csv (every point, its fit and error), result.json, summary.txt,
+fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive; with a posterior
+posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or not at all, and never
+replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
@@ -28,6 +29,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import stages
+from softgrip_jax.report.inputs import keep_inputs
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY, unit_key
@@ -50,6 +52,9 @@ from .points import points_of
 from .provenance import material_text, provenance
 from .report import STOPPED, Findings, autocorrelation, examine, is_determined, report, with_rival
 
+OWN_FILES = ("points.csv", "result.json", "summary.txt")
+"""Files of the run whose names a measured file may have."""
+
 
 def run_calibrate(
     config: Path, out: Path | None, console: Console, spread: Spread | None = None, with_posterior: bool = False
@@ -61,7 +66,6 @@ def run_calibrate(
             raise ConfigError(f"{config}, [tension]: its fits are few and run in one process; leave out --workers.")
         return run_tension(config, out, console, with_posterior)
     read = configs.load(config)
-    given = configs.standalone(config)
     wanted = settings.read(read)
     table = wanted.table
     sampling = wanted.sampling(with_posterior)
@@ -70,6 +74,7 @@ def run_calibrate(
             extra()
     found = None
     with new_folder(out, config.stem) as (folder, final):
+        keep_inputs(folder, config, OWN_FILES)
         with located(f"{config}, [calibrate]"), stages(console) as tell:
             fit = calibrate(wanted.fitting, table.starts, table.seed, tell)
             if sampling is not None:
@@ -83,7 +88,7 @@ def run_calibrate(
                 except KeyboardInterrupt:
                     findings = dataclasses.replace(findings, remarks=(*findings.remarks, STOPPED), stopped=True)
         with DeferInterrupt() as writing:
-            _write(folder, given, read, findings, found)
+            _write(folder, read, findings, found)
             if found is not None:
                 write_file(folder, found, wanted.numbers)
                 write_pictures(folder, found, wanted.numbers)
@@ -117,11 +122,8 @@ def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> 
     return shlex.join(words)
 
 
-def _write(
-    folder: Path, given: bytes, read: configs.Config, findings: Findings, found: Posterior | None = None
-) -> None:
+def _write(folder: Path, read: configs.Config, findings: Findings, found: Posterior | None = None) -> None:
     fit = findings.fit
-    (folder / "config.toml").write_bytes(given)
     modules = fit.modules()
     scenes = {name: modules[name] for name in read.scenes}
     said = _lines(findings) + ([] if found is None else comment_of(found))

@@ -16,7 +16,8 @@ lowest is the best, and a difference of ten leaves little doubt. The points of o
 to choose the larger of two materials; the table shows the errors too. Written is the best that is stable up to twice
 the window.
 
-The folder: config.toml, material.toml (the best), materials.csv, result.json, summary.txt, fit.png.
+The folder: config.toml with the files that it names, material.toml (the best), materials.csv, result.json, summary.txt,
+fit.png.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from softgrip_jax.config.keys import Table
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import Tell, stages
+from softgrip_jax.report.inputs import keep_inputs
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table as PrintedTable
@@ -83,10 +85,13 @@ def read(path: Path) -> tuple[TensionTable, Curve]:
     return table, Curve("tension test", TEST, "stress", "pressure", **found)
 
 
+OWN_FILES = ("material.toml", "materials.csv", "result.json", "summary.txt")
+"""Files of the run whose names a measured file may have."""
+
+
 def run_tension(config: Path, out: Path | None, console: Console, with_posterior: bool = False) -> Path:
     """Compare materials as the config says; the folder that holds it. with_posterior: whatever the config says."""
     table, curve = read(config)
-    given = configs.standalone(config)
     largest = float(curve.x.max())
     window = largest if table.window_percent is None else table.window_percent / 100
     windows = [w / 100 for w in table.compare_percent or COMPARED if w / 100 <= largest * (1 + 1e-9)]
@@ -102,7 +107,7 @@ def run_tension(config: Path, out: Path | None, console: Console, with_posterior
                 evidence = compared([_scored(one, table.seed, tell) for one in found.judged])
         remarks = verdicts(found)
         comment = "\n".join([provenance(config.name), *_words_of(found)])
-        (folder / "config.toml").write_bytes(given)
+        keep_inputs(folder, config, OWN_FILES)
         (folder / "material.toml").write_text(material_text(found.chosen.material, comment), encoding="utf-8")
         _write_table(folder / "materials.csv", found)
         result = _summary(found, remarks) | ({} if evidence is None else {"evidence": as_data(evidence)})

@@ -11,6 +11,7 @@ import shlex
 import sys
 from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -108,14 +109,11 @@ def run_path(
         write_whole(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
         tell_file("The picture", plot, as_json)
     if page is not None:
-        from ..report.run import report_of_curve
-
-        options = ["--from-kPa", f"{first / kPa:.12g}", "--to-kPa", f"{last / kPa:.12g}", "--points", str(points)]
-        options += ["--through-limit"] if through_limit else []
+        options = ["--from-kPa", f"{from_kpa:.12g}", *([] if to_kpa is None else ["--to-kPa", f"{to_kpa:.12g}"])]
+        options += ["--points", str(points), *(["--through-limit"] if through_limit else [])]
+        options += [] if observable is None else ["--observable", observable]
         words = shlex.join(["softgrip", "path", str(config), *options, *(["--scene", scene] if scene else [])])
-        text = report_of_curve(
-            header, rows, config, words, plot if plot and plot.suffix == ".png" and good.any() else None
-        )
+        text = page_of(curve, shown, limit, config, words, scene)
         write_whole(page, text.encode())
         tell_file("The report", page, as_json)
     if stopped:
@@ -133,6 +131,26 @@ def run_path(
             )
         tell_file("The animation", animate, as_json)
     return True
+
+
+def page_of(curve: Solution, shown: str, limit: float | None, config: Path, command: str, scene: str | None) -> str:
+    """The report of a curve, with its picture where there is a state to draw."""
+    import numpy as np
+
+    from ..plots import curve_of
+    from ..reasons import Reason
+    from ..report.run import Curve, report_of_curve
+    from ..units import unit_key
+
+    asked = one_scene(config, scene)
+    sentences = {reason.name: reason.text() for reason in Reason}
+    up = unit_key(shown, type(curve.scene).OBSERVABLES[shown])
+    found = Curve(*table_of(curve), asked.scenes, unit_key("pressure", "pressure"), up, sentences)
+    with TemporaryDirectory() as folder:
+        picture = Path(folder) / f"{shown}.png"
+        if (np.asarray(curve.status) == 0).any():
+            curve_of(curve, shown, limit).savefig(picture)
+        return report_of_curve(found, config, command, picture if picture.is_file() else None)
 
 
 CHUNK, MARKS = 16, 20

@@ -40,12 +40,14 @@ from ..parameters import Parameter
 from ..progress import counted
 from ..quantities import State, solution_at
 from ..reasons import Reason
+from ..report.inputs import keep_inputs
 from ..report.run import tell_and_keep, write_report
 from ..results import Status
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
 from ..study.dataset import status_name, write_csv
 from ..study.store import BEGUN, address_of, opened
+from ..study.summary import reason_counts
 from .summary import draw, tell_quantities
 
 
@@ -267,7 +269,7 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     with opened(place) as data:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            write_whole(folder / "config.toml", configs.standalone(config))
+            keep_inputs(folder, config, ["study.csv"])
             if study.designs.count > 1:
                 draw(data, folder / "study.png")
             if where.csv:
@@ -295,10 +297,15 @@ def _spread_over(where: Where) -> Any:
 
 
 def tell(data: xr.Dataset, console: Console) -> dict[str, Any]:
-    """How many designs have an answer, and how far every quantity spreads over them."""
+    """How many designs have an answer, why others have none, and how far every quantity spreads over them."""
+    reasons = reason_counts(data)
     for name, counts in data.attrs[BEGUN]["statuses"].items():
         label = data[name].attrs["long_name"].removeprefix("status at ")
         console.print(f"{label}: " + ", ".join(f"{n} {status}" for status, n in counts.items()), soft_wrap=True)
+        for status, found in reasons[name].items():
+            for reason, n in sorted(found.items(), key=lambda pair: -pair[1]):
+                if reason != Reason.NONE.name:
+                    console.print(f"  {n} {status}, {reason}: {Reason[reason].text()}", soft_wrap=True)
     return tell_quantities(data, {"least": 0.0, "median": 0.5, "most": 1.0}, console)
 
 

@@ -93,8 +93,11 @@ def _value(key: configs.Key) -> Any:
         return 1.0
     if "rule" not in meta:
         return meta["allowed"][0] if "allowed" in meta else {int: 1, bool: False, str: ""}[key.annotation]
-    number = 0.0 if meta["rule"] in ("finite", "nonnegative") else NUMBERS.get(meta["kind"], 1.0)
     shapes = [str(meta["size"])] if "size" in meta else configs.shapes_of(key.annotation)
+    # A term of a material may have any sign, but a material of one term must be stiff.
+    is_term = "" not in shapes and meta["kind"] == "pressure"
+    is_none = meta["rule"] == "nonnegative" or (meta["rule"] == "finite" and not is_term)
+    number = 0.0 if is_none else NUMBERS.get(meta["kind"], 1.0)
     return number if "" in shapes else jnp.full(int(shapes[0]) if shapes[0].isdigit() else 1, number)
 
 

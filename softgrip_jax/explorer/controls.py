@@ -33,6 +33,8 @@ RIGHT_ANGLE = 89 * degree
 MOST_ENTRIES = 24
 """An array of more numbers is not shown one by one."""
 MOST_FINGERS = 8
+STAND, FROM_GROUND = "stand_distance_mm", 1.25
+"""What a grasp of an object that tapers needs: its gripper's base is so many lengths of a finger from the ground."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -104,11 +106,11 @@ class Number:
         return float(f"{value / self.unit:.5g}") * self.unit
 
     def holding(self, value: float) -> Number:
-        """The same with a range that holds a value."""
+        """The same with a range that holds a value: around it, where it was beyond the one of before."""
         if self.low <= value <= self.high:
             return self
         low, high = value_range(value, self.rule, self.kind)
-        return dataclasses.replace(self, low=min(low, self.low), high=max(high, self.high))
+        return dataclasses.replace(self, low=low, high=high)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,7 +218,7 @@ def _choices(module: Any, path: tuple[str, ...], bases: tuple[type, ...]) -> lis
         found.append(Choice(".".join((*path, "type")), (*path, "type"), options, type_name(type(module)), ""))
     for key in keys_of(type(module)).values():
         value, own = getattr(module, key.name), (*path, key.key)
-        allowed = _options(key, value)
+        allowed = _options(module, key)
         if isinstance(value, Checked) and "types" in key.field.metadata:
             found += _choices(value, own, key.field.metadata["types"])
         elif allowed:
@@ -226,16 +228,25 @@ def _choices(module: Any, path: tuple[str, ...], bases: tuple[type, ...]) -> lis
     return found
 
 
-def _options(key: Key, value: Any) -> tuple[Any, ...]:
-    meta = key.field.metadata
+def _options(module: Any, key: Key) -> tuple[Any, ...]:
+    meta, value = key.field.metadata, getattr(module, key.name)
     if "allowed" in meta or "methods" in meta:
         return tuple(meta.get("allowed", meta.get("methods")))
     if key.annotation is bool:
         return (False, True)
     if key.annotation is int:
-        most = max(MOST_FINGERS, int(value) + 2)
-        return tuple(range(1, most + 1))
+        return tuple(k for k in range(1, max(MOST_FINGERS, int(value) + 2) + 1) if _keeps_rules(module, key.name, k))
     return ()
+
+
+def _keeps_rules(module: Any, name: str, value: Any) -> bool:
+    """Whether a part can be made with another value of one field."""
+    try:
+        with units_are_stated():
+            dataclasses.replace(module, **{name: value})
+    except InputError:
+        return False
+    return True
 
 
 def chosen(scene: Scene, choice: Choice, option: Any) -> Scene:
@@ -246,15 +257,33 @@ def chosen(scene: Scene, choice: Choice, option: Any) -> Scene:
         node = node[key]
     if choice.path[-1] == "type":
         bases = _bases_at(type(scene), choice.path[:-1])
-        cls = classes_of(bases)[option]
-        fresh = to_table(example(cls), bases)
-        kept = {key: value for key, value in node.items() if key in fresh and key != "type"}
+        before, made = read_module(bases, dict(node), "[scene]"), example(classes_of(bases)[option])
+        kept = {key: value for key, value in node.items() if key != "type"}
+        if hasattr(before, "shear_modulus"):
+            made = _as_stiff(made, before)
+            kept = {key: value for key, value in kept.items() if key in _numbers_alone(before) & _numbers_alone(made)}
+        fresh = to_table(made, bases)
         node.clear()
-        node.update(fresh | kept)
+        node.update(fresh | {key: value for key, value in kept.items() if key in fresh})
+        if getattr(made, "tapers", False) and not {"tip_offset_mm", STAND} & set(table):
+            table[STAND] = FROM_GROUND * table["gripper"]["finger"]["L_mm"]
     else:
         node[choice.path[-1]] = option
     with located(choice.key):
-        return read_module((Scene,), table, f"with {choice.key} = {option}")
+        return read_module((Scene,), table, "[scene]")
+
+
+def _as_stiff(material: Any, other: Any) -> Any:
+    """A material whose moduli are stretched until its shear modulus is that of another one."""
+    factor = other.shear_modulus() / material.shear_modulus()
+    moduli = [key.name for key in keys_of(type(material)).values() if key.field.metadata.get("kind") == "pressure"]
+    return dataclasses.replace(material, **{name: factor * getattr(material, name) for name in moduli})
+
+
+def _numbers_alone(material: Any) -> set[str]:
+    """Keys of the numbers of a material that are no moduli, and no arrays."""
+    keys = [key for key in keys_of(type(material)).values() if key.field.metadata.get("kind") != "pressure"]
+    return {key.key for key in keys if np.ndim(getattr(material, key.name)) == 0}
 
 
 def _bases_at(cls: type, path: tuple[str, ...]) -> tuple[type, ...]:

@@ -25,7 +25,7 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
-from ..geometry import Force, Section
+from ..geometry import Force, Outline, Section
 from ..geometry.sections import LINES, ROLES
 from ..units import DISPLAY, kPa
 from .answers import CurveData, Helps, with_unit
@@ -118,7 +118,8 @@ def areas_and_lines(section: Section) -> tuple[Columns, Columns, Columns]:
         else:
             add(areas, role, outlines, LOOKS[role])
     add(areas, "force", [arrow(force) for force in section.forces], LOOKS["force"])
-    for force in section.forces:
+    # Fingers that press alike do it on each other's words.
+    for force in {force.text: force for force in section.forces}.values():
         x, y = np.round(force.start + 1.2 * (force.end - force.start), 3)
         for name, value in (("x", float(x)), ("y", float(y)), ("text", force.text)):
             words[name].append(value)
@@ -281,10 +282,12 @@ class CurveView:
         self.figure.add_tools(drag)
         self.figure.toolbar.active_tap = drag
         self.figure.add_tools(HoverTool(tooltips=[("pressure", "@x{0.000} kPa"), ("value", "@y")], renderers=[point]))
-        self._is_filled = False
+        self._placed: float | None = None
+        """Where the page itself has put the point, kPa. Bokeh tells of that only when its whole message is written."""
 
         def moved(attribute: str, old: Any, new: Any) -> None:
-            if not self._is_filled and len(new["x"]) == 1:
+            if len(new["x"]) == 1 and new["x"][0] != self._placed:
+                self._placed = None
                 dragged(max(float(new["x"][0]), 0.0) * kPa)
 
         self.now.on_change("data", moved)
@@ -317,12 +320,9 @@ class CurveView:
 
     def show_state(self, pressure: float, value: float, kind: str) -> None:
         """The point of the present state."""
-        self._is_filled = True
-        try:
-            self.now.data = {"x": [pressure / kPa], "y": [value / DISPLAY[kind][1]]}
-            self._hold()
-        finally:
-            self._is_filled = False
+        self._placed = pressure / kPa
+        self.now.data = {"x": [self._placed], "y": [value / DISPLAY[kind][1]]}
+        self._hold()
 
     def show_pins(self, curves: list[tuple[str, CurveData]], kind: str) -> None:
         """The curves of pinned designs."""
@@ -384,11 +384,94 @@ class HelpView:
         self.figure.height = 90 + 22 * max(len(keys), 2)
 
 
-def space_figure(mesh: Any) -> dict[str, Any]:
-    """A mesh as a figure of Plotly, as plain data: to be turned and zoomed."""
-    colours = {"cover": BLUE, "chamber": "#8FBFE0", "membrane": BLUE, "object": "#D9C48F", "body": "#6A6A6A"}
-    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+IN_FRONT = 0.3
+"""mm by which lines in space are drawn before the surfaces that they lie on, which would hide half of them."""
+HEAD_FACES = 12
+"""Of the cone that is the head of an arrow in space."""
+GAP = np.full((1, 3), np.nan)
+"""Between two lines in space."""
+DIAGONAL = 1.5
+"""Of the box around a picture in space, in the units of Plotly's camera, which stands right for a little more."""
+BEYOND = 1.25
+"""The text of an arrow in space stands so many of its lengths from its start."""
+
+
+def outline_in_space(section: Section, outline: Outline) -> list[np.ndarray]:
+    """The edges of what a view shows as one outline, in space, mm; of something flat where its width is not known."""
+    points, half = outline.points, outline.across
+    if not half:
+        return section.in_space(np.column_stack([points + np.array([0.0, IN_FRONT]), np.zeros(len(points))]))
+    near, far = (np.column_stack([points, np.full(len(points), side * (half + IN_FRONT))]) for side in (-1, 1))
+    if outline.role in LINES or len(points) == 2:
+        return section.in_space(np.concatenate([near, far[::-1], near[:1]]))
+    between = np.stack([near, far, np.full(near.shape, np.nan)], axis=1).reshape(-1, 3)
+    return section.in_space(np.concatenate([near, near[:1], GAP, far, far[:1], GAP, between[:-1]]))
+
+
+def arrows_in_space(sections: tuple[Section, ...]) -> list[tuple[np.ndarray, str]]:
+    """Start and end of every force, mm, shape (2, 3), and its text. Two views of a membrane show the same force, where
+    they cut the contact: those of the first view that has any are all."""
+    for section in sections:
+        if section.forces:
+            flat = [(np.column_stack([np.stack([f.start, f.end]), np.zeros(2)]), f.text) for f in section.forces]
+            return [(placed, text) for points, text in flat for placed in section.in_space(points)]
+    return []
+
+
+def _line_trace(name: str, lines: list[np.ndarray], colour: str, width: float) -> dict[str, Any]:
+    """Several lines in space as one trace, with NaN between them."""
+    x, y, z = np.round(np.concatenate([part for line in lines for part in (line, GAP)]), 3).T
+    look = {"mode": "lines", "line": {"color": colour, "width": width}, "hoverinfo": "name", "showlegend": False}
+    return {"type": "scatter3d", "x": x, "y": y, "z": z, "name": name, "connectgaps": False} | look
+
+
+def _cones(arrows: list[np.ndarray]) -> dict[str, Any]:
+    """The heads of arrows as one trace: each its tip and a ring around its neck."""
+    turn = np.arange(HEAD_FACES) * 2 * np.pi / HEAD_FACES
+    points, faces = [], []
+    for start, end in arrows:
+        ahead = end - start
+        side, up = np.linalg.svd(ahead[None])[2][1:]
+        ring = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), up)
+        neck = end - HEAD * ahead + 2 * SHAFT * np.linalg.norm(ahead) * ring
+        first, k = (1 + HEAD_FACES) * len(points), np.arange(HEAD_FACES)
+        faces.append(first + np.stack([0 * k, 1 + k, 1 + (k + 1) % HEAD_FACES], axis=-1))
+        points.append(np.concatenate([end[None], neck]))
+    (x, y, z), (i, j, k) = np.round(np.concatenate(points), 3).T, np.concatenate(faces).T
+    look = {"color": VERMILION, "flatshading": True, "hoverinfo": "skip", "name": "force"}
+    return {"type": "mesh3d", "x": x, "y": y, "z": z, "i": i, "j": j, "k": k} | look
+
+
+def _section_traces(sections: tuple[Section, ...]) -> list[dict[str, Any]]:
+    """What is without pressure, what touches, and the forces: from the flat views, each in its plane in space."""
     traces = []
+    for role, colour, width in (("ghost", LOOKS["ghost"]["line"], 1.5), ("contact", VERMILION, 6.0)):
+        each = [(section, one) for section in sections for one in section.outlines if one.role == role]
+        lines = [line for section, one in each for line in outline_in_space(section, one)]
+        if lines:
+            traces.append(_line_trace(role, lines, colour, width))
+    arrows = arrows_in_space(sections)
+    if arrows:
+        ends = [points for points, _ in arrows]
+        beyond = [start[None] + BEYOND * (end - start) for start, end in ends]
+        lines = [line for pair in zip(ends, beyond, strict=True) for line in pair]
+        shafts = _line_trace("force", lines, VERMILION, 6.0)
+        shown = [text for _, text in arrows]
+        if len(shown) > 1 and len(set(shown)) == 1:  # around an axis: where the arrows end there is room for one text
+            shown = [f"each {shown[0]}", *[""] * (len(shown) - 1)]
+        words = [word for text in shown for word in ("", "", "", text, "")]
+        font = {"color": "#A03F00", "size": 12}
+        shafts |= {"mode": "lines+text", "text": words, "textfont": font, "textposition": "middle center"}
+        shafts |= {"hoverinfo": "text", "hovertext": [f"force {text}" for _, text in arrows for _ in range(5)]}
+        traces += [shafts, _cones(ends)]
+    return traces
+
+
+def space_figure(mesh: Any, sections: tuple[Section, ...] = ()) -> dict[str, Any]:
+    """A mesh as a figure of Plotly, as plain data: to be turned and zoomed; with what the sections of the same solution
+    add: the ghost without pressure, the contact, and the forces as arrows."""
+    colours = {"cover": BLUE, "chamber": "#8FBFE0", "membrane": BLUE, "object": "#D9C48F", "body": "#6A6A6A"}
+    traces = _section_traces(sections)
     for kind, colour in colours.items():
         three = mesh.of_kind(kind)
         if not len(three):
@@ -403,7 +486,8 @@ def space_figure(mesh: Any) -> dict[str, Any]:
             trace |= {"intensity": pressed[used] / kPa, "colorscale": "Viridis", "colorbar": {"title": "contact (kPa)"}}
         traces.append(trace)
     axes = {f"{name}axis": {"title": {"text": f"{name} (mm)"}} for name in "xyz"}
-    ratio = (high - low) / np.max(high - low)
+    size = np.array([np.ptp(np.concatenate([t[name][np.isfinite(t[name])] for t in traces])) for name in "xyz"])
+    ratio = DIAGONAL * size / np.linalg.norm(size)
     box = dict(zip("xyz", map(float, ratio), strict=True))
     scene = axes | {"aspectmode": "manual", "aspectratio": box}
     margin = dict.fromkeys("lrtb", 0)

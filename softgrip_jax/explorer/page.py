@@ -52,6 +52,11 @@ table.sg td.n { font-weight: 600; white-space: nowrap; }
 table.sg td.e { color: #4a4a4a; font-size: 12px; }
 pre.sg { white-space: pre-wrap; font-size: 12px; background: #f4f4f4; padding: 8px; }
 """
+PLACES = """
+@media (min-width: 1000px) { .sg-stays { position: sticky; top: 0; } }
+@media (max-width: 700px) { .sg-picture { order: -1; } }
+"""
+"""A picture stays in sight while the sliders below it are moved; on a telephone it comes first."""
 READ = """
 const {name, scripts} = cb_obj.data;
 Promise.all(scripts.flat().map(window.softgrip.library)).then(() => { read.data = {name}; });
@@ -105,9 +110,12 @@ class Control:
         self._meant = self._meaning(number)
         self.words = pn.pane.HTML(self._meant, stylesheets=[CSS], margin=(0, 10), sizing_mode="stretch_width")
         self._own = False
+        self._set: float | None = None
+        """Where the page itself has put the slider. Bokeh tells of that only when its whole message is written."""
 
         def slid(attribute: str, old: Any, new: Any) -> None:  # a browser sends 127, not 127.0
-            if not self._own:
+            if new != self._set:
+                self._set = None
                 turn, place = divmod(new, TURN)
                 moved(self, place / STEPS, self._numbers[int(turn)], turn == self._turn)
 
@@ -148,17 +156,14 @@ class Control:
     def _slide(self, number: Number, value: float) -> None:
         """The range and the place on it. Another range has other places, so that a key on its way is known by its own:
         the slider grows to both ranges, goes to its new place, and shrinks."""
-        was_own, self._own = self._own, True
-        try:
-            if not number.has_range_of(self._numbers[self._turn]):
-                self._turn = 1 - self._turn
-            self._numbers[self._turn] = number
-            start = self._turn * TURN
-            self.slider.update(start=min(start, self.slider.start), end=max(start + STEPS, self.slider.end))
-            self.slider.value = start + place_of(number, value)
-            self.slider.update(start=start, end=start + STEPS)
-        finally:
-            self._own = was_own
+        if not number.has_range_of(self._numbers[self._turn]):
+            self._turn = 1 - self._turn
+        self._numbers[self._turn] = number
+        start = self._turn * TURN
+        self._set = start + place_of(number, value)
+        self.slider.update(start=min(start, self.slider.start), end=max(start + STEPS, self.slider.end))
+        self.slider.value = self._set
+        self.slider.update(start=start, end=start + STEPS)
 
     def say(self, sentence: str) -> None:
         """What is wrong with this number, beneath it."""
@@ -267,6 +272,7 @@ class Page:
             self.rows,
             sizing_mode="stretch_width",
             styles={"flex": "2 1 420px"},
+            css_classes=["sg-picture", "sg-stays"],
             min_width=280,
         )
         right = pn.Column(
@@ -278,11 +284,14 @@ class Page:
             pn.pane.Bokeh(self.helps.figure, sizing_mode="stretch_width"),
             sizing_mode="stretch_width",
             styles={"flex": "1 1 320px"},
+            css_classes=["sg-stays"],
             min_width=280,
         )
         title = pn.pane.HTML(f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>")
         self.title = title
-        body = pn.FlexBox(left, middle, right, sizing_mode="stretch_width", align_items="flex-start")
+        body = pn.FlexBox(
+            left, middle, right, sizing_mode="stretch_width", align_items="flex-start", stylesheets=[PLACES]
+        )
         page = pn.Column(title, self.told, body, self.tabs, sizing_mode="stretch_width", max_width=1900)
         return page
 
@@ -364,6 +373,7 @@ class Page:
     def _done(self, control: Control, sentence: str) -> None:
         control.say(sentence)
         if sentence:
+            self._grey(True)
             self.say(sentence, True)
         else:
             if control.key == PRESSURE and self.task.value:
@@ -590,9 +600,11 @@ class Page:
         return question.number != self.session.asked
 
     def _grey(self, is_grey: bool) -> None:
-        styles = {"opacity": "0.35", "filter": "grayscale(1)"} if is_grey else {}
-        if self.pictures.styles != styles:
-            self.pictures.styles = styles
+        """Whether what is drawn is of another state than what is asked. A browser keeps a look that is left out."""
+        looks = {"opacity": "0.35", "filter": "grayscale(1)"} if is_grey else {"opacity": "1", "filter": "none"}
+        for part in (self.pictures, self.space, self.rows):
+            if part.styles != looks and (is_grey or part.styles):
+                part.styles = looks
 
     def _show_state(self, state: State) -> None:
         self._grey(not state.ok)
@@ -618,8 +630,9 @@ class Page:
         name, component, _ = self.session.observables[question.observable]
         if shown is None or name not in shown.solution.observables:  # of another scene
             return
+        of_last = "" if state.ok else f" of the last state, at {shown.pressure / kPa:.5g} kPa"
         self.rows.object = table_html(
-            ["", "value", "model error"],
+            ["", f"value{of_last}", "model error"],
             [[r.name.replace("_", " "), r.text, r.error] for r in shown.rows],
             ("n", "", "e"),
         )
@@ -635,7 +648,7 @@ class Page:
         if self.session.good is None:
             return
         try:
-            shown = space_figure(self.session.good.solution.mesh())
+            shown = space_figure(self.session.good.solution.mesh(), self.session.good.sections)
             if self.space.objects:
                 self.space[0].object = shown
             else:

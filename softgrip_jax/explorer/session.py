@@ -71,8 +71,8 @@ class Pin:
     """A design that is kept for comparison."""
 
     name: str
-    values: dict[str, float]
-    """SI, by key, with the pressure."""
+    inputs: dict[str, str]
+    """Choices, pressure and numbers, by key."""
     rows: dict[str, str]
     curve: CurveData | None
 
@@ -211,9 +211,13 @@ class Session:
     def pin(self) -> None:
         """Keep the present design for comparison."""
         if self.good is not None:
-            rows = {row.name: row.text for row in self.good.rows}
-            values = dict(self.values) | {PRESSURE: self.good.pressure}
-            self.pins.append(Pin(f"pin {len(self.pins) + 1}", values, rows, self.curve))
+            self.pins.append(self._pinned(f"pin {len(self.pins) + 1}", self.good))
+
+    def _pinned(self, name: str, state: State) -> Pin:
+        values = self.values | {PRESSURE: state.pressure}
+        inputs = {"scene": self.title()} | {key: str(choice.value) for key, choice in self.choices.items()}
+        inputs |= {key: number.shown(values[key]) for key, number in self.numbers.items()}
+        return Pin(name, inputs, {row.name: row.text for row in state.rows}, self.curve)
 
     def unpin(self) -> None:
         """Forget all pinned designs."""
@@ -255,20 +259,16 @@ class Session:
             self.helps = stage
 
     def differences(self) -> tuple[list[str], list[list[str]]]:
-        """(heads, rows): the numbers in which the pinned designs and the present one differ, and all observables."""
-        designs = [(pin.name, pin.values, pin.rows) for pin in self.pins]
-        if self.good is not None:
-            rows = {row.name: row.text for row in self.good.rows}
-            designs.append(("now", dict(self.values) | {PRESSURE: self.good.pressure}, rows))
+        """(heads, rows): in what the pinned designs and the present one differ, and all observables."""
+        designs = self.pins + ([] if self.good is None else [self._pinned("now", self.good)])
         table = []
-        for key in dict.fromkeys(key for _, values, _ in designs for key in values):
-            number = self.numbers.get(key)
-            shown = [number.shown(v[key]) if number and key in v else "" for _, v, _ in designs]
+        for key in dict.fromkeys(key for one in designs for key in one.inputs):
+            shown = [one.inputs.get(key, "") for one in designs]
             if len(set(shown)) > 1:
                 table.append([key, *shown])
-        for name in dict.fromkeys(name for _, _, rows in designs for name in rows):
-            table.append([name.replace("_", " "), *(rows.get(name, "") for _, _, rows in designs)])
-        return ["", *(name for name, _, _ in designs)], table
+        for name in dict.fromkeys(name for one in designs for name in one.rows):
+            table.append([name.replace("_", " "), *(one.rows.get(name, "") for one in designs)])
+        return ["", *(one.name for one in designs)], table
 
     # --- what can be taken along --------------------------------------------------------------------------------------
 

@@ -44,6 +44,8 @@ DEEP, MOST_FOLDERS, MOST_STUDIES = 6, 3000, 200
 MOST_POINTS, MOST_LINES = 4000, 800
 """Designs in the scatter, and lines through parallel axes: more are too slow in a browser, and nobody tells them
 apart."""
+MOST_TOLD = 4
+"""Questions of a study whose statuses are told."""
 MOST_AXES = 10
 """Parallel ones."""
 A_CELL, MOST_BINS = 6, 40
@@ -377,9 +379,12 @@ class StudyTab:
         self.page.with_library(PlotlyPlot, lambda: self._show_axes(parallel_axes(study)))
         total = designs_in(study.data)
         counts = study.data.attrs.get(BEGUN, {}).get("statuses", {})
-        told = [f"{n} {status}" for one in counts.values() for status, n in one.items()][:8]
+        told = [", ".join(f"{n} {status}" for status, n in one.items()) for one in counts.values()][:MOST_TOLD]
+        if len(told) > 1:
+            labels = [study.data[name].attrs["long_name"].removeprefix("status at ") for name in counts]
+            told = [f"{label}: {words}" for label, words in zip(labels, told, strict=False)]
         part = f", {study.count:,} of them drawn" if study.count < total else ""
-        words = f" ({', '.join(told)})" if told else ""
+        words = f" ({'; '.join(told)})" if told else ""
         self.line.say(f"{total:,} designs{part}{words}. A click on a point opens its design.")
 
     def _show_axes(self, shown: dict[str, Any]) -> None:

@@ -131,6 +131,8 @@ class Inflated(NamedTuple):
     near_tip: np.ndarray
     walls: list[np.ndarray]
     """The roof is the last."""
+    presses: tuple[np.ndarray, np.ndarray]
+    """Which points of its two faces lie on the planes between it and its neighbours."""
 
     def outline(self) -> np.ndarray:
         return np.concatenate([self.near_clamp, self.near_tip[::-1]])
@@ -152,6 +154,7 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
     else:
         faces, stretch = small_strain_outline(scene, inflation, leans), 1.0
     behind = wall_behind(faces, fields["t_m"] / stretch**2)
+    presses = faces[..., 0] < TOUCHES * fields["t_m"][:, None]
     origin, along, normal = (
         v[:, None] for v in _frame(line, np.array([(p.begin, p.end) for p in places]).ravel(), foot)
     )
@@ -160,12 +163,13 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
     chambers = []
     for k, place in enumerate(places):
         near_clamp, near_tip, body = faces[2 * k], faces[2 * k + 1], bodies[2 * k + 1]
+        touching = presses[2 * k], presses[2 * k + 1]
         if not place.has_neighbour:
             middle, ahead, upwards = _frame(line, 0.5 * (place.first + place.last), foot)
             corner = middle + 0.5 * (place.last - place.first) * ahead
             near_tip = corner + np.linspace(0.0, place.height, 2)[:, None] * upwards
-            body = thick(near_tip, place.wall, -1.0)
-        chambers.append(Inflated(place, near_clamp, near_tip, [bodies[2 * k], body]))
+            body, touching = thick(near_tip, place.wall, -1.0), (touching[0], np.zeros(2, bool))
+        chambers.append(Inflated(place, near_clamp, near_tip, [bodies[2 * k], body], touching))
     tops = np.array([[chamber.near_clamp[-1], chamber.near_tip[-1]] for chamber in chambers])
     for chamber, roof in zip(chambers, thick(tops, np.array([[p.wall] for p in places])), strict=True):
         chamber.walls.append(roof)
@@ -173,13 +177,9 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
 
 
 def contacts(chambers: list[Inflated]) -> list[np.ndarray]:
-    """For every chamber but the first: which points of its face towards the clamp touch the chamber before."""
-    found = []
-    for before, chamber in pairwise(chambers):
-        # Where a wall lies on the one before it both faces are at one place.
-        x, y = (chamber.near_clamp[:, None, k] - before.near_tip[None, :, k] for k in (0, 1))
-        found.append(np.min(x * x + y * y, axis=1) < (10 * TOUCHES * chamber.place.wall) ** 2)
-    return found
+    """For every chamber but the first: which points of its face towards the clamp touch the chamber before: where both
+    press on the plane between them."""
+    return [chamber.presses[0] & before.presses[1].any() for before, chamber in pairwise(chambers)]
 
 
 def chambers_of(solution: Solution, line: Line) -> list[Inflated]:

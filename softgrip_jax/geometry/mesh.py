@@ -26,8 +26,10 @@ from ..results import Solution, Status
 from ..shell.arc.cylinder import AxialOffset, CylinderContact
 from ..shell.arc.flat import FlatContact
 from ..shell.arc.grasp import Grasp as ShellGrasp
+from ..shell.arc.inclined import InclinedContact
 from ..shell.energy.scene import EnergyScene
 from ..shell.flat_shell import ShellScene
+from ..shell.obstacles import Box, Cylinder, Plane, Sphere, direction
 from ..units import mm
 from .finger import POINTS, band, chambers_of, line_of, object_outline, plate_radius, touching_point
 from .sections import RIM, axis_height
@@ -302,6 +304,50 @@ def _add_box(build: _Build, name: str, low: Any, high: Any) -> None:
     build.add(name, np.column_stack([points[:, 0], 0.5 * (y0 + y1) - points[:, 2], points[:, 1]]), faces)
 
 
+def _add_slab(build: _Build, middle: np.ndarray, normal: np.ndarray, half_x: float, half_y: float) -> None:
+    """The object as a slab behind a plane through `middle`, whose normal points into it."""
+    along = np.array([normal[2], 0.0, -normal[0]]) / np.hypot(normal[0], normal[2])
+    left, right = (np.array([[side * half_x, 0.0], [side * half_x, 2 * RIM]]) for side in (-1, 1))
+    points, faces = _ladder(left, right, half_y)
+    build.add("object", middle + points @ np.array([along, normal, np.cross(along, normal)]), faces)
+
+
+def _add_obstacle(build: _Build, body: Any, half_x: float, half_y: float) -> None:
+    """What an energy membrane touches; what is endless as large as the rigid shell, and of a `Shape`, of which only the
+    distance is known, nothing."""
+    if not isinstance(body, Plane | Cylinder | Sphere | Box):
+        return
+    size = {field.name: float(getattr(body, field.name)) for field in dataclasses.fields(body)}
+    if isinstance(body, Plane):
+        normal = np.asarray(direction(body.tilt_x, body.tilt_y))
+        _add_slab(build, np.array([0.0, 0.0, size["height"] / mm]), normal, half_x, half_y)
+        return
+    turn, rise = size.get("heading", 0.0), size.get("incline", 0.0)
+    ahead = np.array([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)])
+    beside = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    deep = size["half_z" if isinstance(body, Box) else "radius"]
+    middle = np.array([size["offset_x"], size["offset_y"], size["gap"] + deep]) / mm
+    half_length = abs(np.cos(turn)) * half_x + abs(np.sin(turn)) * half_y
+    points, faces = _solid(body, half_length)
+    build.add("object", middle + points @ np.array([ahead, beside, np.cross(ahead, beside)]), faces)
+
+
+def _solid(body: Cylinder | Sphere | Box, half_length: float) -> tuple[np.ndarray, np.ndarray]:
+    """An object about its middle, with a cylinder's axis along x: (points, faces), mm. The edges of a box are sharp."""
+    if isinstance(body, Box):
+        x, y, z = (float(half) / mm for half in (body.half_x, body.half_y, body.half_z))
+        points, faces = _ladder(np.array([[-x, -z], [-x, z]]), np.array([[x, -z], [x, z]]), y)
+        return points[:, [0, 2, 1]], faces
+    angle, radius = np.arange(ROUND) * 2 * np.pi / ROUND, float(body.radius) / mm
+    if isinstance(body, Cylinder):
+        ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+        points = np.concatenate([np.column_stack([np.full(ROUND, side * half_length), ring]) for side in (-1, 1)])
+        return points, grid_faces(2, ROUND, close_columns=True)
+    polar = np.linspace(0.0, np.pi, ROUND // 2 + 1)[:, None]
+    rings = [np.sin(polar) * np.cos(angle), np.sin(polar) * np.sin(angle), np.cos(polar) + 0 * angle]
+    return radius * np.stack(rings, axis=-1).reshape(-1, 3), grid_faces(len(polar), ROUND, close_columns=True)
+
+
 def _shell(solution: Solution) -> Mesh:
     scene: Any = solution.scene
     build = _Build()
@@ -314,13 +360,21 @@ def _shell(solution: Solution) -> Mesh:
     else:
         shape = {name: np.asarray(v) / mm for name, v in solution.shape(SURFACE).items()}
         x, z = shape["x"], shape["z"]
-        y, z_length = (shape["y"], shape["z_length"]) if "y" in shape else (x, z)
+        # Of an inclined plane the model has no section along the length: it is drawn like the other one, but symmetric.
+        y, z_length = (shape["y"], shape["z_length"]) if "y" in shape else (x * b / a, 0.5 * (z + z[::-1]))
         top = z[SURFACE // 2]
         height = np.outer(z, z_length) / (top if top > 0 else 1.0)
         place = np.stack(np.broadcast_arrays(x[:, None], y[None], height), axis=-1)
         build.add("membrane", place.reshape(-1, 3), grid_faces(SURFACE, SURFACE))
     _add_box(build, "body", (-a - RIM, -b - RIM, -RIM), (a + RIM, b + RIM, 0.0))
-    if isinstance(scene, FlatContact):
+    if isinstance(scene, EnergyScene):
+        _add_obstacle(build, scene.body, a + RIM, b + RIM)
+    elif isinstance(scene, InclinedContact):
+        # Where it touches the membrane, as from the side.
+        normal = np.array([np.sin(float(scene.angle)), 0.0, np.cos(float(scene.angle))])
+        high = float(np.max(x * normal[0] + z * normal[2]))
+        _add_slab(build, high * normal, normal, 1.3 * a, b + RIM)
+    elif isinstance(scene, FlatContact):
         high = float(scene.distance) / mm
         _add_box(build, "object", (-a - RIM, -b - RIM, high), (a + RIM, b + RIM, high + 2 * RIM))
     elif isinstance(scene, CylinderContact | AxialOffset | ShellGrasp):

@@ -68,6 +68,7 @@ class Outline:
     Args:
         role: what it is, one of ROLES.
         points: of it, mm, shape (n, 2).
+        across: how far it extends to both sides of the view, in the units of the axes, mm; 0 where that is not known.
 
     Examples:
         >>> sg.geometry.Outline("edge", np.zeros((2, 2))).points.shape
@@ -76,6 +77,7 @@ class Outline:
 
     role: str
     points: np.ndarray
+    across: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,6 +106,11 @@ class Section:
         horizontal, vertical: labels of the axes, with their units.
         outlines: areas and lines; their roles are those of ROLES.
         forces: arrows.
+        directions: in which the horizontal and the vertical of the view point in the space of the mesh: unit vectors,
+            dimensionless.
+        origin: where the view's own is in that space, mm, shape (3,).
+        fingers: so many stand around the vertical axis in space, each as the right half of the view shows one; 0 where
+            the view is one plane in space.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -116,6 +123,9 @@ class Section:
     vertical: str
     outlines: tuple[Outline, ...]
     forces: tuple[Force, ...] = ()
+    directions: tuple[tuple[float, float, float], tuple[float, float, float]] = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fingers: int = 0
 
     def of_role(self, role: str) -> list[np.ndarray]:
         """The points of all outlines of a role."""
@@ -127,6 +137,20 @@ class Section:
         every = np.concatenate(points)
         (left, low), (right, high) = every.min(axis=0), every.max(axis=0)
         return float(left), float(right), float(low), float(high)
+
+    def in_space(self, points: np.ndarray) -> list[np.ndarray]:
+        """Points of one outline in the space of the mesh, mm, shape (n, 3): once, or once for each finger that stands
+        around the axis, and then never for what is left of it.
+
+        Args:
+            points: (horizontal, vertical, distance to the side of the view), mm, shape (n, 3); NaN parts lines.
+        """
+        directions = np.array(self.directions)
+        frames = [directions]
+        if self.fingers:
+            turns = 2 * np.pi * np.arange(self.fingers) / self.fingers if np.nanmean(points[:, 0]) > 0 else []
+            frames = [np.array([[np.cos(turn), np.sin(turn), 0.0], directions[1]]) for turn in turns]
+        return [self.origin + points @ np.array([*frame, np.cross(*frame)]) for frame in frames]
 
 
 def sections(solution: Solution) -> tuple[Section, ...]:
@@ -185,15 +209,19 @@ def _finger_parts(solution: Solution, line: Line, where: Callable[[np.ndarray], 
     """A finger without pressure and under it, each point placed by `where`."""
     finger, chambers = solution.scene.finger, chambers_of(solution, line)
     rest, thickness = straight(finger, clamp_angle(solution.scene)), float(finger.H) / mm
-    parts = [Outline("ghost", where(box)) for box in boxes(rest, finger, [chamber.place for chamber in chambers])]
-    parts.append(Outline("ghost", where(band(rest, thickness))))
+    places, half = [chamber.place for chamber in chambers], 0.5 * float(finger.B) / mm
+    each = zip(boxes(rest, finger, places), places, strict=True)
+    parts = [Outline("ghost", where(box), place.fields["b"] / mm) for box, place in each]
+    ends = {name: values[[0, -1]] for name, values in rest.items()}
+    parts.append(Outline("ghost", where(band(ends, thickness)), half))
     touching = [np.zeros(0, bool), *contacts(chambers)]
     for chamber, touches in zip(chambers, touching[: len(chambers)], strict=True):
         role = "wall" if chamber.place.fits else "tight"
         parts.append(Outline("air", where(chamber.outline())))
         parts += [Outline(role, where(body)) for body in chamber.walls]
-        parts += [Outline("contact", where(run)) for run in runs(chamber.near_clamp, touches)]
-    parts.append(Outline("cover", where(band(line, thickness))))
+        width = chamber.place.fields["b"] / mm
+        parts += [Outline("contact", where(run), width) for run in runs(chamber.near_clamp, touches)]
+    parts.append(Outline("cover", where(band(line, thickness)), half))
     return parts
 
 
@@ -237,8 +265,9 @@ def _grasp(solution: Solution) -> tuple[Section, ...]:
         length = min(ARROW, WITHIN * (base + tip[1]))
         forces.append(Force(at, at - [side * length, 0.0], _newton(solution.tip_force)))
     reach = plate_radius(scene)
-    parts.append(Outline("body", rectangle(-reach, 0, 2 * reach, 6.0)))
-    return (Section("distance from the axis (mm)", "height (mm)", tuple(parts), tuple(forces)),)
+    parts.append(Outline("body", rectangle(-reach, 0.0, 2 * reach, 6.0)))
+    labels = ("distance from the axis (mm)", "height (mm)")
+    return (Section(*labels, tuple(parts), tuple(forces), fingers=scene.gripper.n),)
 
 
 def _chamber(solution: Solution) -> tuple[Section, ...]:
@@ -272,6 +301,8 @@ def _chamber(solution: Solution) -> tuple[Section, ...]:
 # --- shells -----------------------------------------------------------------------------------------------------------
 
 LENGTH, WIDTH, HEIGHT = "along the length, y (mm)", "across the width, x (mm)", "z (mm)"
+DIRECTIONS = {LENGTH: ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), WIDTH: ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))}
+"""Of the views of a membrane in space."""
 
 
 @jax.jit
@@ -295,13 +326,16 @@ def _shell(solution: Solution) -> tuple[Section, ...]:
 
 def _shell_view(solution: Solution, label: str, view: str, s: np.ndarray, z: np.ndarray) -> Section:
     scene: Any = solution.scene
-    half, thickness = float(scene.shell.b if view == "length" else scene.shell.a) / mm, thickness_of(solution)
+    half, beside = (float(v) / mm for v in _half_sizes(scene.shell, view == "length"))
+    thickness = thickness_of(solution)
+    # Across the width the membrane is shown where it touches a cylinder, which need not be in its middle.
+    on_cylinder = view == "width" and isinstance(scene, CylinderContact | AxialOffset | ShellGrasp)
     face = np.stack([s, z], axis=-1)
     held, away = _touched(solution, view, half, face)
     parts = [Outline("object", held)] if held is not None else []
     parts += [
         Outline("body", rectangle(-half - RIM, -RIM, 2 * (half + RIM), RIM)),
-        Outline("ghost", np.array([[-half, 0.0], [half, 0.0]])),
+        Outline("ghost", np.array([[-half, 0.0], [half, 0.0]]), 0.0 if on_cylinder else beside),
         Outline("membrane", thick(face, thickness)),
         Outline("face", face),
     ]
@@ -312,7 +346,13 @@ def _shell_view(solution: Solution, label: str, view: str, s: np.ndarray, z: np.
         where = np.concatenate(on)
         middle = np.array([where[:, 0].mean(), where[:, 1].max()])
         forces.append(Force(middle, middle + ARROW * _normal(scene, view), _newton(solution.force)))
-    return Section(label, HEIGHT, tuple(parts), tuple(forces))
+    middle = float(scene.shell.b) / mm - axis_height(solution) if on_cylinder else 0.0
+    return Section(label, HEIGHT, tuple(parts), tuple(forces), DIRECTIONS[label], (0.0, middle, 0.0))
+
+
+def _half_sizes(shell: Any, is_length: bool) -> tuple[Any, Any]:
+    """Half the sizes of a membrane along a view and across it, m."""
+    return (shell.b, shell.a) if is_length else (shell.a, shell.b)
 
 
 def _normal(scene: Any, view: str) -> np.ndarray:
@@ -357,24 +397,21 @@ def _distances(body: Any, places: Any) -> Any:
 
 
 def _energy(solution: Solution) -> tuple[Section, ...]:
-    scene: Any = solution.scene
     shape = {name: np.asarray(v) / mm for name, v in solution.shape(POINTS).items()}
     highest = max(float(np.max(shape[name])) for name in ("z_face", "z_length_face"))
     top = max(1.15 * highest, highest + 2 * RIM)
     views = []
-    for label, axis, half, names in (
-        (LENGTH, 1, scene.shell.b, ("y", "z_length")),
-        (WIDTH, 0, scene.shell.a, ("x", "z")),
-    ):
+    for label, axis, names in ((LENGTH, 1, ("y", "z_length")), (WIDTH, 0, ("x", "z"))):
         middle, face = (np.stack([shape[name + kind] for name in names], axis=-1) for kind in ("", "_face"))
-        views.append(_energy_view(solution, label, axis, float(half) / mm, middle, face, top))
+        views.append(_energy_view(solution, label, axis, middle, face, top))
     return tuple(views)
 
 
 def _energy_view(
-    solution: Solution, label: str, axis: int, half: float, middle: np.ndarray, face: np.ndarray, top: float
+    solution: Solution, label: str, axis: int, middle: np.ndarray, face: np.ndarray, top: float
 ) -> Section:
     scene: Any = solution.scene
+    half, beside = (float(v) / mm for v in _half_sizes(scene.shell, axis == 1))
     thickness = float(scene.shell.t_m) / mm
     # Heights are those of the outer face, from where it is at rest: the middle surface is half the thickness below.
     middle = middle - [0.0, 0.5 * thickness]
@@ -384,7 +421,7 @@ def _energy_view(
         parts += [Outline("object", points) for points in body_section(scene.body, axis, reach, top)]
     parts += [
         Outline("body", rectangle(-half - RIM, -RIM, 2 * (half + RIM), RIM)),
-        Outline("ghost", np.array([[-half, 0.0], [half, 0.0]])),
+        Outline("ghost", np.array([[-half, 0.0], [half, 0.0]]), beside),
         Outline("membrane", np.concatenate([face, (2 * middle - face)[::-1]])),
         Outline("face", face),
     ]
@@ -397,7 +434,7 @@ def _energy_view(
             where = np.concatenate(on)
             at = np.array([where[:, 0].mean(), where[:, 1].max()])
             forces.append(Force(at, at + np.array([0.0, ARROW]), _newton(solution.force)))
-    return Section(label, HEIGHT, tuple(parts), tuple(forces))
+    return Section(label, HEIGHT, tuple(parts), tuple(forces), DIRECTIONS[label])
 
 
 def body_section(body: Any, axis: int, reach: float, top: float) -> list[np.ndarray]:

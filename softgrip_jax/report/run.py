@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import platform
 import shlex
@@ -21,11 +22,22 @@ from ..errors import ConfigError, InputError
 from ..folders import write_whole
 from ..model_error import model_error
 from .document import Document, shown
+from .inputs import named_files
 
 NAME, WORDS = "report.html", "summary.txt"
 T = TypeVar("T")
 SECTIONS = ("design", "calibrate", "tension", "plan", "sweep", "sensitivity")
 """Sections of configs, by which a run is told from others; the command of a tension test is calibrate."""
+COMPARED = ("measured", "fitted", "error")
+"""Columns of a table of points whose unit is that of the curve."""
+MOST_CURVES = 8
+"""Curves of a table that are drawn, each on its own."""
+UNCOMPARED = ("versions", "seconds", "units", "finished")
+"""How results that say nothing of what was found begin."""
+ROUNDING = 1e-9
+"""Changes that are relatively smaller, and numbers of no more than that, are rounding."""
+LEFT = {"sensitivity.nc": "sensitivity", "study.zarr": "sweep", "points.csv": "calibrate", "plan.csv": "plan"}
+"""What runs of a kind leave in their folders: a config may have sections for several, or none for this one."""
 FEW = 6
 """A table of at most so many rows, with more columns than that, stands on its side."""
 MOST_DESIGNS = 2000
@@ -67,9 +79,10 @@ def flat(value: Any, name: str = "") -> dict[str, Any]:
     return {name: value}
 
 
-def kind_of(config: dict[str, Any]) -> str:
-    """What a run was: a section of its config."""
-    return next((name for name in SECTIONS if name in config), "solve")
+def kind_of(config: dict[str, Any], folder: Path) -> str:
+    """What a run was: a file that only such a run leaves, or a section of its config."""
+    left = next((kind for name, kind in LEFT.items() if (folder / name).exists()), None)
+    return left or next((name for name in SECTIONS if name in config), "solve")
 
 
 def command_of(kind: str, file: str = "config.toml") -> str:
@@ -99,13 +112,13 @@ def tell_and_keep(folder: Path, console: Console, tell: Callable[[Console], T]) 
 def write_report(folder: Path, name: str | None = None) -> Path:
     """Write report.html into the folder of a run, from its files; `name`: the folder's name in the end."""
     config, result = config_of(folder), read_json(folder / "result.json")
-    kind = kind_of(config)
+    kind = kind_of(config, folder)
     page = Document(f"softgrip {'calibrate' if kind == 'tension' else kind}: {name or folder.name}")
     page.heading("What was asked")
     page.code((folder / "config.toml").read_text(encoding="utf-8"))
     page.heading("What came out")
     if (folder / WORDS).is_file():
-        page.code((folder / WORDS).read_text(encoding="utf-8"))
+        page.printed((folder / WORDS).read_text(encoding="utf-8"))
     for picture in sorted(folder.glob("*.png")):
         page.picture(picture)
     if result:
@@ -113,21 +126,51 @@ def write_report(folder: Path, name: str | None = None) -> Path:
         scalars = {k: v for k, v in flat(result).items() if not isinstance(v, list) or len(v) <= 4}
         page.table(["", "value (SI where a unit is not said)"], [[k, v] for k, v in scalars.items() if k != "units"])
     for table in sorted(folder.glob("*.csv")):
-        _add_table(page, table)
+        _add_table(page, table, with_plot=kind != "sweep")
     _add_study(page, folder)
-    _add_model_error(page, folder)
-    page.heading("Provenance, and how to repeat it")
+    _add_model_error(page, _scenes_of(folder))
     made = result.get("versions") or {"softgrip_jax": __version__, "python": platform.python_version()}
     finished = result.get("finished", time.strftime("%Y-%m-%dT%H:%M:%S%z"))
     rows = [["finished", finished], *([name, version] for name, version in made.items())]
-    page.table(["", ""], [*rows, ["device", result.get("device", platform.machine())]])
-    page.text("Save the config above as config.toml, or take it from the folder, and type:")
-    page.code(command_of(kind))
+    rows.append(["device", result.get("device", platform.machine())])
+    _add_provenance(page, rows, how_to_repeat(folder, config), command_of(kind))
     write_whole(folder / NAME, page.html().encode())
     return folder / NAME
 
 
-def _add_table(page: Document, path: Path) -> None:
+def how_to_repeat(folder: Path, config: dict[str, Any]) -> str:
+    """What to do before a run's command is typed."""
+    names = named_files(config)
+    missing = [name for name in names if not (folder / name).is_file()]
+    if missing:
+        return (
+            f"The config names files that are not kept in the folder of the run ({', '.join(missing)}). They stood "
+            "beside the config that was given: put them beside config.toml in the same way. Type in that folder:"
+        )
+    kept = " and the files that it names" if names else ""
+    return f"The folder of the run holds the config above as config.toml{kept}. Type in that folder:"
+
+
+def _add_provenance(page: Document, rows: list[list[Any]], sentence: str, command: str) -> None:
+    """When and by what the run was made, and the command that makes it again."""
+    with page.together():
+        page.heading("Provenance, and how to repeat it")
+        page.table(["", ""], rows)
+        page.text(sentence)
+        page.code(command)
+
+
+def counted_words(name: str, cells: list[str], sentences: dict[str, str] | None = None) -> str:
+    """How often each status or reason occurs, with the sentences that say in words what a code means."""
+    counts = Counter(filter(None, cells))
+    if not counts or any(isinstance(_cell(word), float) for word in counts):
+        return ""
+    known = sentences or {}
+    parts = [f"{n} {what}" + (f" ({known[what]})" if what in known else "") for what, n in counts.most_common(8)]
+    return f"{name}: " + "; ".join(parts)
+
+
+def _add_table(page: Document, path: Path, with_plot: bool = True) -> None:
     """A table with its statuses and reasons counted, and a plot of its numbers."""
     head, rows = read_table(path)
     if not rows:
@@ -138,15 +181,39 @@ def _add_table(page: Document, path: Path) -> None:
         if name in head:
             cells = [row[head.index(name)] for row in rows]
             status = np.array(cells) if name in ("status", "feasible") and status is None else status
-            counts = Counter(filter(None, cells))
-            if counts and not any(isinstance(_cell(word), float) for word in counts):
-                page.text(f"{name}: " + "; ".join(f"{n} {what}" for what, n in counts.most_common(8)))
-    if len(rows) > 2:
-        page.scatter(numbers_of(head, rows), status)
+            words = counted_words(name, cells)
+            if words:
+                page.text(words)
+    if with_plot and len(rows) > 2:
+        _add_plots(page, head, rows, status)
     cells = [[_cell(cell) for cell in row] for row in rows]
     if len(rows) <= FEW < len(head):  # a wide page is scrolled, and paper is not wide
         head, *cells = [list(column) for column in zip(head, *cells, strict=True)]
-    page.table([str(name) for name in head], cells)
+    page.table([shown(name) for name in head], cells)
+
+
+def _add_plots(page: Document, head: list[str], rows: list[list[str]], status: np.ndarray | None) -> None:
+    """A plot of the numbers of a table, or one for each of its curves; none where a column has many units."""
+    if {"curve", "quantity", "unit"} <= set(head):
+        names = [row[head.index("curve")] for row in rows]
+        for curve in list(dict.fromkeys(names))[:MOST_CURVES]:
+            own = [row for row, name in zip(rows, names, strict=True) if name == curve]
+            quantity, unit = (own[0][head.index(name)] for name in ("quantity", "unit"))
+            columns = {
+                f"{quantity}, {name} ({unit})" if name in COMPARED else name: values
+                for name, values in numbers_of(head, own).items()
+                if name != "specimen"
+            }
+            with page.together():
+                page.text(curve)
+                page.scatter(columns, up=f"{quantity}, {COMPARED[0]} ({unit})")
+    elif not any(name.endswith("_SI") for name in head) and len(_units_in(head, rows)) < 2:
+        page.scatter(numbers_of(head, rows), status)
+
+
+def _units_in(head: list[str], rows: list[list[str]]) -> set[str]:
+    """The units of a table that has them in a column."""
+    return {row[head.index("unit")] for row in rows} if "unit" in head else set()
 
 
 def _cell(text: str) -> Any:
@@ -161,32 +228,50 @@ def _add_study(page: Document, folder: Path) -> None:
     if not (folder / "study.zarr").exists() and not list(folder.glob("*.zarr")):
         return
     from ..study import load_study
+    from ..study.dataset import designs_in, quantities_of, rows_of, states_of
+    from ..study.summary import keys_of
 
     with load_study(folder) as data:
-        page.heading("Study")
-        dims = [name for name in data.sizes if data.sizes[name] > 1][:3]
-        flattened = data.stack(point=list(data.dims)) if dims else data
-        count = flattened.sizes.get("point", 1)
-        part = flattened.isel(point=slice(0, None, -(-count // MOST_DESIGNS) or 1)) if dims else flattened
-        columns = {}
-        for name in [*part.coords, *part.data_vars]:
-            values = np.asarray(part[name].values)
-            if values.ndim == 1 and values.dtype.kind in "fiu" and len(values) > 1:
-                unit = part[name].attrs.get("units", "")
-                columns[f"{name} ({unit})" if unit and unit != "1" else str(name)] = values.astype(float)
-        page.text(
-            f"{count} designs" + (f", every {-(-count // MOST_DESIGNS)}. is drawn." if count > MOST_DESIGNS else ".")
-        )
-        page.scatter({k: v for k, v in columns.items() if not k.startswith("status")})
+        count = designs_in(data)
+        step = -(-count // MOST_DESIGNS) or 1
+        rows = rows_of(data, np.arange(0, count, step))
+        columns, keys = {}, {}
+        for key, (name, unit) in keys_of(data).items():
+            columns[key], keys[name] = rows[name].values.astype(float) / unit, key
+        worst = _worst([_names_of(rows[name]) for name in states_of(data)])
+        words = f"{count} designs; one in {step} is drawn." if step > 1 else f"{count} designs."
+        if (worst != "OK").any():
+            words += " Those in orange are not OK in one state at least."
+        with page.together():
+            page.heading("Study")
+            page.text(words)
+            page.scatter(columns, worst, next(iter(columns)), keys[quantities_of(data)[0]])
 
 
-def _add_model_error(page: Document, folder: Path) -> None:
-    """What is known of the models of the scenes against finite elements."""
+def _names_of(statuses: Any) -> np.ndarray:
+    """The statuses of designs by name, as the study itself calls them."""
+    names = dict(zip(statuses.attrs["flag_values"], statuses.attrs["flag_meanings"].split(), strict=True))
+    return np.array([names[value] for value in statuses.values])
+
+
+def _worst(states: list[np.ndarray]) -> np.ndarray:
+    """The status of designs that have one in each of several states: the first that is not OK."""
+    return np.array([next((word for word in words if word != "OK"), "OK") for words in zip(*states, strict=True)])
+
+
+def _scenes_of(folder: Path) -> dict[str, Any]:
+    """The scenes of a run; none where its config is no longer understood."""
     from .. import config as configs
 
     try:
-        scenes = configs.load(folder / "config.toml").scenes
+        return configs.load(folder / "config.toml").scenes
     except InputError:
+        return {}
+
+
+def _add_model_error(page: Document, scenes: dict[str, Any]) -> None:
+    """What is known of the models of the scenes against finite elements."""
+    if not scenes:
         return
     rows = []
     for name, scene in scenes.items():
@@ -194,14 +279,14 @@ def _add_model_error(page: Document, folder: Path) -> None:
             sentence = model_error(scene, observable)
             if sentence:
                 rows.append([name, observable.replace("_", " "), sentence])
-    page.heading("Model error")
-    page.text(
-        "How far the models are from finite elements, where that is known; numerics are far more exact.", note=True
-    )
-    if rows:
-        page.table(["scene", "value", "against finite elements"], rows)
-    else:
-        page.text("For these scenes nothing is known.")
+    words = "How far the models are from finite elements, where that is known; numerics are far more exact."
+    with page.together():
+        page.heading("Model error")
+        page.text(words, note=True)
+        if rows:
+            page.table(["scene", "value", "against finite elements"], rows)
+        else:
+            page.text("For these scenes nothing is known.")
 
 
 def compare_runs(first: Path, second: Path, out: Path) -> Path:
@@ -216,15 +301,14 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
     head = ["", first.name, second.name]
     page.table(head, rows) if rows else page.text("The configs are the same.")
     page.heading("Results")
-    keys = [
-        k for k in dict.fromkeys(k for r in results for k in r) if not k.startswith(("versions", "seconds", "units"))
-    ]
+    every = dict.fromkeys(key for result in results for key in result)
+    keys = [key for key in every if not key.startswith(UNCOMPARED)]
     rows, marked = [], set()
     for key in keys:
         pair = [r.get(key) for r in results]
         if any(isinstance(value, list) and len(value) > 4 for value in pair):
             continue
-        if pair[0] != pair[1]:
+        if differs(*pair):
             marked.add(len(rows))
         rows.append([key, *pair, change(*pair)])
     if rows:
@@ -239,11 +323,11 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
         page.heading(picture.removesuffix(".png").replace("_", " "))
         for folder in folders:
             if (folder / picture).is_file():
-                page.text(folder.name)
-                page.picture(folder / picture)
-    page.heading("How to repeat them")
-    for folder in folders:
-        page.code(command_of(kind_of(config_of(folder)), str(folder / "config.toml")))
+                page.picture(folder / picture, folder.name)
+    with page.together():
+        page.heading("How to repeat them")
+        for folder in folders:
+            page.code(command_of(kind_of(config_of(folder), folder), str(folder / "config.toml")))
     write_whole(out, page.html().encode())
     return out
 
@@ -261,36 +345,62 @@ def _compare_tables(page: Document, names: list[str], tables: list[tuple[list[st
     for one, other in zip(first, second, strict=True):
         for column, before, after in zip(head[1:], one[1:], other[1:], strict=True):
             pair = _cell(before), _cell(after)
-            differs = shown(pair[0]) != shown(pair[1])
-            if differs:
+            seen = shown(pair[0]) != shown(pair[1]) and differs(*pair)
+            if seen:
                 marked.add(len(rows))
-            rows.append([f"{one[0]}: {column}", *pair, change(*pair) if differs else ""])
+            rows.append([f"{one[0]}: {column}", *pair, change(*pair) if seen else ""])
     page.table([*names, "change"], rows, marked)
 
 
+def _are_numbers(*values: Any) -> bool:
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
+
+
+def differs(before: Any, after: Any) -> bool:
+    """Whether two values differ by more than rounding."""
+    if _are_numbers(before, after):
+        size = max(abs(before), abs(after))
+        return before != after and size >= ROUNDING and not abs(after - before) <= ROUNDING * size
+    if isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        return any(map(differs, before, after))
+    return before != after
+
+
 def change(before: Any, after: Any) -> str:
-    """By how much a number changes."""
-    numbers = all(isinstance(v, int | float) and not isinstance(v, bool) for v in (before, after))
-    if not numbers or before == after:
+    """By how much a number changes; nothing where that is rounding."""
+    if not _are_numbers(before, after) or not differs(before, after):
         return ""
     return shown(after - before) + (f" ({100 * (after / before - 1):+.3g} %)" if before else "")
 
 
-def report_of_curve(head: list[str], rows: list[list[Any]], config: Path, command: str, picture: Path | None) -> str:
-    """The report of `softgrip path`: the table of a curve."""
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """What `softgrip path` has found, and what of it is drawn first."""
+
+    head: list[str]
+    rows: list[list[Any]]
+    scenes: dict[str, Any]
+    across: str
+    up: str
+    sentences: dict[str, str]
+    """What the codes of reasons mean, in words."""
+
+
+def report_of_curve(curve: Curve, config: Path, command: str, picture: Path | None) -> str:
+    """The report of `softgrip path`: the table of a curve, its picture, and what is known of the model."""
+    head, texts = curve.head, [[str(cell) for cell in row] for row in curve.rows]
     page = Document(f"softgrip path: {config.name}")
     page.heading("What was asked")
     page.code(config.read_text(encoding="utf-8"))
     page.heading("What came out")
-    texts = [[str(cell) for cell in row] for row in rows]
     for name in ("status", "reason"):
-        counts = Counter(row[head.index(name)] for row in texts)
-        page.text(f"{name}: " + "; ".join(f"{n} {what}" for what, n in counts.most_common(8)))
+        page.text(counted_words(name, [row[head.index(name)] for row in texts], curve.sentences))
     if picture is not None:
         page.picture(picture)
-    page.scatter(numbers_of(head, texts), np.array([row[head.index("status")] for row in texts]))
+    status = np.array([row[head.index("status")] for row in texts])
+    page.scatter(numbers_of(head, texts), status, curve.across, curve.up)
     page.table(head, [[_cell(cell) for cell in row] for row in texts])
-    page.heading("Provenance, and how to repeat it")
-    page.table(["", ""], [["finished", time.strftime("%Y-%m-%dT%H:%M:%S%z")], ["softgrip_jax", __version__]])
-    page.code(command)
+    _add_model_error(page, curve.scenes)
+    rows = [["finished", time.strftime("%Y-%m-%dT%H:%M:%S%z")], ["softgrip_jax", __version__]]
+    _add_provenance(page, rows, "Type where the config is found by this name:", command)
     return page.html()

@@ -24,6 +24,7 @@ from softgrip_jax.numerics.continuation import (
     trace,
 )
 from softgrip_jax.numerics.continuation.newton import FINE, Newton, goes_on, has_converged, value_and_jacobian
+from softgrip_jax.numerics.continuation.points import TURN
 
 DEGREE = 4
 RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
@@ -419,6 +420,10 @@ def test_a_traced_curve_has_equal_steps_and_goes_through_its_limit_points():
     found, good = jax.jit(lambda: trace(lambda u: polynomial(u, (jnp.asarray(circle), jnp.inf)), start, 2.0, 5))()
     assert np.all(good)
     np.testing.assert_allclose(np.hypot(*np.asarray(found).T), radius, rtol=1e-14)
+    # None of them turns by more than 26 degrees: together they are little more than an arc of that length.
+    turned = np.diff(np.unwrap(np.arctan2(*np.asarray(found).T)))
+    most = np.arccos(TURN)
+    assert np.all((turned > 2.0 / radius) & (turned < 2.0 / radius * most / np.sin(most)))
 
 
 def test_a_value_and_its_jacobian_in_one():

@@ -65,3 +65,5 @@ def test_every_lane_has_its_own_context():
         return lane_pool(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
 
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(steps, numbers), steps * numbers, rtol=1e-12)
+    together = np.full(200, 5)  # every slot ends at once, and makes room for as many
+    np.testing.assert_allclose(jax.jit(jax.vmap(added))(together, numbers), 5 * numbers, rtol=1e-12)
