@@ -135,8 +135,9 @@ def test_what_the_page_sets_itself_is_no_hand():
 def test_every_material_is_chosen_as_stiff_as_the_one_before():
     session = Session(plane(), 15 * kPa)
     choice = session.choices["shell.material.type"]
-    assert {"NeoHookean", "MooneyRivlin", "Yeoh", "Gent", "Ogden"} <= set(choice.options)
-    for name in (*choice.options, "NeoHookean"):
+    own = ("MooneyRivlin", "Yeoh", "Gent", "Ogden", "NeoHookean")
+    assert set(own) <= set(choice.options)
+    for name in own:
         assert session.choose(choice.key, name) == ""
         assert type(session.scene.shell.material).__name__ == name
         assert float(session.scene.shell.material.shear_modulus()) == pytest.approx(175 * kPa, rel=1e-12)
