@@ -31,6 +31,33 @@ def test_the_table_is_what_solve_says_row_by_row(tmp_path, capsys):
     assert rows[5]["force_N"] == ""
 
 
+def test_a_folder_holds_table_picture_and_report(tmp_path, capsys):
+    out, file = tmp_path / "curve", tmp_path / "same.csv"
+    asked = ["path", CYLINDER, "--to-kPa", "25", "--points", "6"]
+    assert run([*asked, "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said == f"The curve is in {out}: config.toml, curve.csv, curve.png, report.html.\n"
+    assert run([*asked, "--csv", str(file)]) == 0
+    assert (out / "curve.csv").read_text() == file.read_text()
+    page = (out / "report.html").read_text()
+    assert "--points 6" in page
+    assert "1 BEYOND_LIMIT" in page
+    capsys.readouterr()
+    assert run([*asked, "--out", str(out)]) == MISTAKE
+    assert f"{out} exists already" in capsys.readouterr().err
+    assert run([*asked, "--out", str(tmp_path / "new"), "--csv", str(file)]) == MISTAKE
+    assert "--out is given beside --csv" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == {"curve", "same.csv"}
+
+
+def test_a_curve_without_a_state_leaves_its_table_and_the_reasons(tmp_path, capsys):
+    out = tmp_path / "curve"
+    assert run(["path", CYLINDER, "--to-kPa", "1", "--points", "3", "--out", str(out)]) == NO_ANSWER
+    assert {path.name for path in out.iterdir()} == {"config.toml", "curve.csv", "report.html"}
+    assert "3 NO_CONTACT" in (out / "report.html").read_text()
+    assert "There is no state on this curve" in capsys.readouterr().err
+
+
 def test_without_an_end_the_curve_goes_to_the_limit_and_with_through_limit_beyond(capsys):
     assert run(["path", FREE, "--points", "5", "--json"]) == 0
     rising = json.loads(capsys.readouterr().out)

@@ -93,6 +93,9 @@ def path(
     plot: Annotated[Path | None, typer.Option(help="Write a picture of the curve to this file.")] = None,
     animate: Annotated[Path | None, typer.Option(help="Write the scene under rising pressure to this GIF.")] = None,
     page: Annotated[Path | None, typer.Option("--report", help="Write a report to this HTML file.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Write table, picture and report into a new folder of this name instead.")
+    ] = None,
 ) -> None:
     """Follow one scene through a range of pressures: a table, a picture, an animation.
 
@@ -103,10 +106,21 @@ def path(
 
     - softgrip path configs/finger_tip_contact.toml --through-limit --plot fold.png
 
+    - softgrip path configs/finger_tip_contact.toml --through-limit --out curve
+
     - softgrip path configs/shell_cylinder.toml --from-kPa 3 --to-kPa 20 --points 30 --animate inflation.gif
     """
-    from ..commands.path import run_path
+    from ..commands.path import run_path, run_path_into
 
-    options = (observable, scene, as_json, csv_file, plot, animate, page)
-    if not run_path(config, from_kpa, to_kpa, points, through_limit, *options):
+    asked = (from_kpa, to_kpa, points, through_limit, observable, scene, as_json)
+    files = (csv_file, plot, animate, page)
+    if out is None:
+        found = run_path(config, *asked, *files)
+    elif any(file is not None for file in files):
+        from ..errors import ConfigError
+
+        raise ConfigError("--out is given beside --csv, --plot, --animate or --report; it writes the files itself.")
+    else:
+        found = run_path_into(out, config, *asked)
+    if not found:
         raise typer.Exit(NO_ANSWER)

@@ -9,6 +9,7 @@ import csv
 import json
 import shlex
 import sys
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,8 +19,10 @@ import typer
 from rich.console import Console
 
 from ..errors import ConfigError
-from ..folders import write_whole
+from ..folders import contents, new_folder, write_whole
 from ..progress import Tell, silent
+from ..report.inputs import keep_inputs
+from ..report.run import NAME
 from .files import PICTURES, check_file, one_scene, plain, tell_file
 
 if TYPE_CHECKING:
@@ -39,8 +42,10 @@ def run_path(
     plot: Path | None,
     animate: Path | None,
     page: Path | None = None,
+    tell_of: Callable[[str, Path, bool], None] = tell_file,
 ) -> bool:
-    """Follow the scene of a config and report; returns whether any row has a state. The arguments are the options."""
+    """Follow the scene of a config and report; returns whether any row has a state. The arguments are the options.
+    tell_of: says where a file is."""
     import numpy as np
 
     from .. import config as configs
@@ -94,20 +99,12 @@ def run_path(
                 csv.writer(file).writerows([header, *rows])
 
         write_whole(csv_file, write)
-        tell_file("The table", csv_file, as_json)
+        tell_of("The table", csv_file, as_json)
     if as_json:
         typer.echo(json.dumps(batch_as_data(curve), indent=2, allow_nan=False))
     elif csv_file is None and plot is None and animate is None and page is None:
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
-    if not good.any() and not stopped:
-        print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
-        return False
-    if plot is not None and good.any():
-        from ..plots import curve_of
-
-        write_whole(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
-        tell_file("The picture", plot, as_json)
     if page is not None:
         options = ["--from-kPa", f"{from_kpa:.12g}", *([] if to_kpa is None else ["--to-kPa", f"{to_kpa:.12g}"])]
         options += ["--points", str(points), *(["--through-limit"] if through_limit else [])]
@@ -115,7 +112,15 @@ def run_path(
         words = shlex.join(["softgrip", "path", str(config), *options, *(["--scene", scene] if scene else [])])
         text = page_of(curve, shown, limit, config, words, scene)
         write_whole(page, text.encode())
-        tell_file("The report", page, as_json)
+        tell_of("The report", page, as_json)
+    if not good.any() and not stopped:
+        print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
+        return False
+    if plot is not None and good.any():
+        from ..plots import curve_of
+
+        write_whole(plot, lambda path: curve_of(curve, shown, limit).savefig(path))
+        tell_of("The picture", plot, as_json)
     if stopped:
         print(f"{good.size} of {points} pressures are kept.", file=sys.stderr)
         raise KeyboardInterrupt
@@ -129,8 +134,29 @@ def run_path(
                 animate,
                 lambda path: animated(asked, rising, path, lambda k, n: status.update(f"drawing: {k} of {n}")),
             )
-        tell_file("The animation", animate, as_json)
+        tell_of("The animation", animate, as_json)
     return True
+
+
+def run_path_into(out: Path, config: Path, *options: Any) -> bool:
+    """The same with all its files in a new folder: the config, curve.csv, curve.png where there is a state to draw, and
+    report.html. The options are those of `run_path` up to as_json. Stopped by Ctrl-C it holds the rows until then."""
+    stopped = False
+    with new_folder(out, config.stem) as (folder, final):
+        keep_inputs(folder, config, ["curve.csv"])
+        table = folder / "curve.csv"
+        files = {"csv_file": table, "plot": folder / "curve.png", "animate": None, "page": folder / NAME}
+        try:
+            found = run_path(config, *options, **files, tell_of=lambda *words: None)
+        except KeyboardInterrupt:
+            if not table.is_file():
+                raise
+            found, stopped = True, True
+    is_json = options[-1]
+    print(f"The curve is in {final}: {contents(final)}.", file=sys.stderr if is_json else sys.stdout)
+    if stopped:
+        raise KeyboardInterrupt
+    return found
 
 
 def page_of(curve: Solution, shown: str, limit: float | None, config: Path, command: str, scene: str | None) -> str:
