@@ -7,10 +7,12 @@ what is used in ten loops is computed ten times. It never does so with a quotien
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike
 
@@ -40,46 +42,60 @@ def _turned(primals, tangents):
     return (cosine, sine), (-sine * turn, cosine * turn)
 
 
-def differentiated_once(function: Callable[..., Any]) -> Callable[..., Any]:
+FEW = 32
+"""Numbers of an argument that are worth a derivative each."""
+
+
+def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Callable[..., Any]:
     """The same function of few numbers, whose derivatives are taken once and then combined for every direction.
 
     Where a Jacobian is wanted in many directions, each of which reaches the function through one or two arguments,
-    JAX would go through all of its operations once for each. Differentiable again; arguments must be passed, not
-    closed over.
+    JAX would go through all of its operations once for each. An argument of more than FEW numbers is followed along
+    each direction all the same: there are fewer of those. Differentiable again; arguments must be passed, not closed
+    over.
+
+    apart: by one argument after the other, so that what depends on one alone is not worked out along the others; all at
+    once compiles faster.
     """
 
     @jax.custom_jvp
     def same(*args):
         return function(*args)
 
+    def groups(primals, few):
+        """The places of the leaves whose derivatives are taken together."""
+        if not apart:
+            return [few] if few else []
+        ends = np.cumsum([len(jax.tree.leaves(argument)) for argument in primals])
+        own = [[k for k in few if np.searchsorted(ends, k, side="right") == i] for i in range(len(primals))]
+        return [places for places in own if places]
+
     def rule(primals, tangents):
         leaves, tree = jax.tree.flatten(primals)
         directions = tree.flatten_up_to(tangents)
         moving = [k for k, direction in enumerate(directions) if not isinstance(direction, SymbolicZero)]
+        few = [k for k in moving if jnp.size(leaves[k]) <= FEW]
+        many = [k for k in moving if k not in few]
 
-        def of(values):
-            every = list(leaves)
-            for k, value in zip(moving, values, strict=True):
-                every[k] = value
-            result = function(*jax.tree.unflatten(tree, every))
-            return result, result
+        def of(places, values):
+            given = dict(zip(places, values, strict=True))
+            return function(*jax.tree.unflatten(tree, [given.get(k, leaf) for k, leaf in enumerate(leaves)]))
 
-        columns, result = jax.jacfwd(of, has_aux=True)([leaves[k] for k in moving])
-        columns = jax.tree.map(materialised, columns)
+        def along(k, slope):
+            """Numbers are multiplied as such: as products of matrices they would take many times as long."""
+            axes = slope.ndim - jnp.ndim(leaves[k])
+            direction = jnp.expand_dims(directions[k], tuple(range(axes)))
+            return jnp.sum(materialised(slope) * direction, axis=tuple(range(axes, slope.ndim)))
 
-        def spread(direction, axes: int):
-            return jnp.expand_dims(direction, tuple(range(axes)))
-
-        tangent = jax.tree.map(
-            lambda value, *slopes: sum(
-                # Numbers are multiplied as such: as products of matrices they would take many times as long.
-                jnp.sum(slope * spread(directions[k], value.ndim), axis=tuple(range(value.ndim, slope.ndim)))
-                for k, slope in zip(moving, slopes, strict=True)
-            ),
-            result,
-            *[jax.tree.map(lambda _, row, i=i: row[i], result, columns) for i in range(len(moving))],
-        )
-        return result, tangent
+        result, parts = function(*primals), []
+        for places in groups(primals, few):
+            slopes = jax.jacfwd(partial(of, places))([leaves[k] for k in places])
+            parts += [
+                jax.tree.map(lambda _, row, i=i, k=k: along(k, row[i]), result, slopes) for i, k in enumerate(places)
+            ]
+        if many:
+            parts += [jax.jvp(partial(of, many), ([leaves[k] for k in many],), ([directions[k] for k in many],))[1]]
+        return result, jax.tree.map(lambda value, *each: sum(each, jnp.zeros_like(value)), result, *parts)
 
     same.defjvp(rule, symbolic_zeros=True)
     return same

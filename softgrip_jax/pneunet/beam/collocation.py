@@ -91,7 +91,7 @@ def forces(cover: Cover, s: Array) -> tuple[Array, Array]:
     return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
 
 
-@differentiated_once
+@partial(differentiated_once, apart=True)
 def _section(law: SectionLaw, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
     """(m, lambda) of the section."""
     return law.bent(z, n)
