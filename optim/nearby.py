@@ -7,14 +7,16 @@ tell. What a search reports in the end is therefore solved along the whole way.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from softgrip_jax.equations import PathEquations
-from softgrip_jax.numerics.nearby import Known, known_root
+from softgrip_jax.numerics.nearby import Known, KnownFold, fold_nearby, known_fold, known_root
 from softgrip_jax.quantities import REQUIRED, State
+from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Solution, Status
 from softgrip_jax.scene import Found, Scene, frozen
 from softgrip_jax.solvers.path_values import surplus_over
@@ -57,6 +59,26 @@ def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Arra
         scene, pressure, jnp.asarray(int(Status.OK)), none, number, unknowns, observed, number, none * jnp.nan, margins
     )
     return residual, solution
+
+
+def limit_of(scene: Any, t: Float[Array, " m"]) -> tuple[KnownFold, Bool[Array, ""]]:
+    """(where the branch of a design t ends, whether that is a limit point), along the whole way from zero load."""
+    scene = frozen(scene.prepared())
+    found = scene.solver().find_limit(scene)
+    is_fold = (found.status == Status.OK) & (found.reason == Reason.LIMIT_POINT)
+    return known_fold(jnp.append(found.unknowns, found.pressure / PRESSURE), t), is_fold
+
+
+def limit_nearby(
+    scene_at: Callable[[Array], Any], t: Float[Array, " m"], known: KnownFold
+) -> tuple[KnownFold, Bool[Array, ""]]:
+    """The limit point of scene_at(t) from one nearby, and whether it is one."""
+
+    def residual(u, t):
+        return scene_at(t).prepared().residual(u[:-1], u[-1] * PRESSURE)
+
+    found, good = fold_nearby(residual, t, known)
+    return found, good & (found.u[-1] > 0)
 
 
 def is_covered(scene: Any, at: State | Array, solution: Solution) -> Bool[Array, ""]:

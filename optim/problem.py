@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial, wraps
 from typing import Any, NamedTuple
 
 import jax
@@ -23,7 +23,7 @@ from jaxtyping import Array, Float, Int
 import softgrip_jax as sg
 from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, program
 from softgrip_jax.errors import InputError
-from softgrip_jax.numerics.nearby import Known, root_by_chords, root_nearby
+from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Solution, Status, in_units
@@ -31,7 +31,7 @@ from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
 from .laws import differing_laws, require_one_law
-from .nearby import can_begin_nearby, is_covered, known_state, state_at
+from .nearby import PRESSURE, can_begin_nearby, is_covered, is_sought, known_state, limit_nearby, limit_of, state_at
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
 
@@ -430,6 +430,32 @@ class Problem:
         ones = jnp.ones(len(statuses))
         return self._judged(Observed(values, statuses, number, number * jnp.nan), ones, ones[0])
 
+    @cached_property
+    def pressed(self) -> list[tuple[str, State]]:
+        """The `followed` states at a pressure that is given: beyond the limit point it says by how much."""
+        return [(name, at) for name, at in self.followed if not is_sought(at)]
+
+    def end(self, t: Float[Array, " n"], place: int) -> tuple[KnownFold, Any]:
+        """(where the branch of a `pressed` state's scene ends, whether that is a limit point)."""
+        return limit_of(self._scene_of(place, t), t)
+
+    def lost_nearby(self, t: Float[Array, " n"], known: KnownFold, place: int) -> tuple[Scalar, Any, KnownFold, Any]:
+        """(the shortfall of a `pressed` state, its derivatives by t, the limit point, whether that is one) from the
+        limit point of a design nearby. The shortfall is not positive where the state is there."""
+        found, good = limit_nearby(lambda t: self._scene_of(place, t), t, known)
+        limit, slopes = found.u[-1] * PRESSURE, found.moved[-1] * PRESSURE
+        at, at_slopes = jax.value_and_grad(lambda t: jnp.asarray(self._asked_at(self.pressed[place][1], t), t.dtype))(t)
+        shortfall = jnp.where(limit < at, 1 / NEAR_LIMIT - limit / at, 0.0)
+        return shortfall, (limit * at_slopes / at - slopes) / at, found, good
+
+    def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
+        """The scene of a `pressed` state."""
+        return without_rules(self.space.scenes_at(self.space.from_unit(t)))[self.pressed[place][0]]
+
+    def columns_of(self, state: tuple[str, State]) -> np.ndarray:
+        """Where among the measured values those of a state are."""
+        return np.array([k for k, q in enumerate(self.measured.quantities) if q.state == state], int)
+
     def home(self) -> np.ndarray:
         """Unit values of the starting design, moved off the bounds."""
         return self.space.inside(self.space.to_unit(self.space.reference))
@@ -446,12 +472,21 @@ class Problem:
         """`solve_by_chords` of a batch."""
         return self._program(self.solve_by_chords, SIDE_BY_SIDE, t, known)
 
-    def _program(self, function: Any, options: dict[str, Any], *rows: Any) -> Any:
-        """function of every row, by a program that is compiled once."""
-        key = function.__name__, tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
+    def ends(self, t: Any, place: int) -> tuple[KnownFold, Any]:
+        """`end` of a batch."""
+        return self._program(self.end, SIDE_BY_SIDE, t, place=place)
+
+    def all_lost_nearby(self, t: Any, known: KnownFold, place: int) -> tuple[Any, Any, KnownFold, Any]:
+        """`lost_nearby` of a batch."""
+        return self._program(self.lost_nearby, SIDE_BY_SIDE, t, known, place=place)
+
+    def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
+        """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
+        key = function.__name__, *fixed.items(), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
         if key not in self._programs:
-            batched = jax.jit(jax.vmap(function))
-            kept = program(batched, *rows, about=self.about, options=options) if self.about else batched
+            batched = jax.jit(jax.vmap(wraps(function)(partial(function, **fixed))))
+            about = f"{self.about}{fixed or ''}"
+            kept = program(batched, *rows, about=about, options=options) if self.about else batched
             self._programs[key] = kept
         return self._programs[key](*rows)
 

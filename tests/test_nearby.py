@@ -6,7 +6,7 @@ import pytest
 from helpers import MATERIALS
 
 import softgrip_jax as sg
-from optim.nearby import can_begin_nearby, is_covered, known_state, state_at
+from optim.nearby import PRESSURE, can_begin_nearby, is_covered, known_state, limit_nearby, limit_of, state_at
 from softgrip_jax.numerics.nearby import root_by_chords, root_nearby
 from softgrip_jax.quantities import solution_at
 from softgrip_jax.units import gram, kPa, mm
@@ -123,3 +123,23 @@ def test_scenes_of_one_unknown_have_no_need_of_it():
     assert not can_begin_nearby(
         sg.shell.Free(sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=MATERIALS["neo"]()))
     )
+
+
+def test_the_limit_point_next_door_is_the_one_along_the_whole_way():
+    """With its slope, which is that of `limit_pressure`."""
+
+    def along(a):
+        return limit_of(held(a), jnp.asarray(a)[None])
+
+    def near(a, known):
+        return limit_nearby(lambda t: held(t[0]), jnp.asarray(a)[None], known)
+
+    along, near = jax.jit(along), jax.jit(near)
+    known, is_fold = along(5 * mm)
+    assert is_fold
+    for a in (5 * mm, 5.05 * mm, 5.3 * mm, 4.6 * mm):
+        known, good = near(a, known)
+        limit, slope = jax.value_and_grad(lambda a: sg.limit_pressure(held(a)))(a)
+        assert good
+        assert known.u[-1] * PRESSURE == pytest.approx(float(limit), rel=1e-7)
+        assert known.moved[-1, 0] * PRESSURE == pytest.approx(float(slope), rel=1e-3)

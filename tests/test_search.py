@@ -105,7 +105,28 @@ def test_a_finger_is_solved_from_the_nearest_one():
     for k in range(2):
         up, down = (evaluate.solve(t + sign * step * np.eye(2)[k]).values[:, 0] for sign in (1, -1))
         np.testing.assert_allclose(found.value_slopes[:, 0, k], (up - down) / (2 * step), rtol=1e-4)
-    assert len(evaluate.at) == 41  # the first one is solved along the whole way, and then again from there
+    assert len(evaluate.states[0].at) == 41  # the first one is solved along the whole way, and then again from there
+
+
+def test_beyond_a_limit_point_a_finger_says_how_far():
+    """From the limit points of others, as `Problem.compiled` says it with derivatives of the whole way."""
+    finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
+    held = sg.pneunet.TipContact(finger, points=6)
+    space = Space({"held": held}, [Variable("finger.a", 4.5 * mm, 5.5 * mm), Variable("finger.H", 4 * mm, 5 * mm)])
+    problem = Problem(space, [Goal("maximise", Quantity("tip_force", 40 * kPa, "held"))])
+    evaluate = searching.Evaluator(problem, 8)
+    t = np.random.default_rng(4).uniform(0.05, 0.95, (16, 2))
+    found = evaluate(t)
+    t = t + 0.01
+    found = evaluate(t)  # now from limit points of before
+    whole, slopes = jax.tree.map(np.asarray, problem.compiled(t))
+    lost = whole.shortfall > 0
+    assert 0 < np.sum(lost) < len(t)
+    np.testing.assert_array_equal(found.shortfall > 0, lost)
+    np.testing.assert_allclose(found.shortfall, whole.shortfall, atol=1e-7)
+    np.testing.assert_allclose(found.shortfall_slopes[lost], slopes.shortfall[lost], rtol=2e-3, atol=1e-4)
+    np.testing.assert_array_equal(found.statuses, whole.statuses)
+    assert np.all(found.value_slopes[lost][np.isnan(found.values[lost])] == 0)
 
 
 SIZES = {"a": 5, "b": 8, "h_x": 0.9, "t_m": 1.1, "h_L": 4.2, "H": 5, "B": 20, "L": 77}

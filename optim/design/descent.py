@@ -103,12 +103,51 @@ class Evaluated(NamedTuple):
     details: Any = None
 
 
+class Memory:
+    """The last designs of a kind, REMEMBERED of them, and what is known of them: arrays, one row per design."""
+
+    def __init__(self, variables: int):
+        self._at, self._places = np.zeros((REMEMBERED, variables)), cast(Any, None)
+        self._written = 0
+
+    @property
+    def at(self) -> np.ndarray:
+        """Unit values of the designs."""
+        return self._at[: self._written]
+
+    @property
+    def places(self) -> Any:
+        """What is known of them, where there are any."""
+        return jax.tree.map(lambda v: v[: self._written], self._places)
+
+    def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which design is nearest to each row of unit values, and the square of its distance."""
+        at = self.at
+        squares = np.sum(at**2, axis=1)[None] - 2 * t @ at.T
+        nearest = np.argmin(squares, axis=1)
+        return nearest, np.sum((t - at[nearest]) ** 2, axis=1)
+
+    def remember(self, t: np.ndarray, places: Any, good: np.ndarray) -> None:
+        """Keep the good ones, in the places of the oldest."""
+        rows = jax.tree.map(lambda v: v[good][-REMEMBERED:], (t, places))
+        if self._places is None:
+            self._places = jax.tree.map(lambda v: np.empty((REMEMBERED, *v.shape[1:]), v.dtype), rows[1])
+        where = (self._written + np.arange(len(rows[0]))) % REMEMBERED
+
+        def write(memory, new):
+            memory[where] = new
+
+        jax.tree.map(write, (self._at, self._places), rows)
+        self._written += len(where)
+
+
 class Evaluator:
     """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves.
 
     It remembers where it has been: a design is solved from the nearest one that it knows (`Problem.solve_nearby`), and
-    along the whole way from zero load (`Problem.solve`) only where that does not lead to an equilibrium; what has none
-    asks `Problem.compiled` how far it is from one. Each of the three is compiled when it is first needed.
+    along the whole way from zero load (`Problem.solve`) only where that does not lead to an equilibrium. What lies
+    beyond a limit point learns from that how far (`Problem.lost_nearby`), and what has no equilibrium for another
+    reason asks `Problem.compiled`. Each of them is compiled when it is first needed.
     """
 
     def __init__(self, problem: Problem, chunk: int):
@@ -116,9 +155,10 @@ class Evaluator:
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
         self.is_near = bool(problem.followed)
-        self._memory: Any = None
-        """Unit values of designs and their states, REMEMBERED rows, and how many were ever written there."""
-        self._written = 0
+        self.states = [Memory(problem.space.size) for _ in problem.followed] if self.is_near else []
+        """Of each `Problem.followed` state: designs that have it, and the state."""
+        self.limits = [Memory(problem.space.size) for _ in problem.pressed] if self.is_near else []
+        """Of each `Problem.pressed` state: designs without it, and the limit point before it."""
         self.moving: np.ndarray | None = None
         """During the descent, which of the starts the rows that are asked for belong to."""
 
@@ -128,23 +168,117 @@ class Evaluator:
         self.solves += len(t)
         if not self.is_near:
             return self._with_shortfalls(t)
-        if not len(self.at):
+        if not self.can_begin:
             self._begin(t[:1])
-        found: Any = None
-        left = np.arange(len(t))
-        if len(self.at):
-            found, left = self._nearby(t)
+        found, left = cast(Any, None), np.arange(len(t))
+
+        def answer(rows: np.ndarray, fresh: Evaluated) -> None:
+            nonlocal found
+            found = fresh if found is None else jax.tree.map(partial(_replaced, rows), found, fresh)
+
+        if self.can_begin:
+            doubtful = self._is_doubtful(t)
+            fresh, left = self._nearby(t, doubtful)
+            answer(np.arange(len(t)), fresh)
+            left = left[self._lost(t, found, left)]
+            again = left[doubtful[left]]
+            if len(again):
+                fresh, still = self._nearby(t[again])
+                answer(again, fresh)
+                left = np.setdiff1d(left, np.delete(again, still))
+        if found is not None:
+            # The limit points of a few tell of others; those that learn nothing from them are asked for their own.
+            few = left[: self.chunk]
+            left = left[self._look_for_limits(t, found, few, left)]
+            left = left[self._look_for_limits(t, found, np.setdiff1d(left, few), left)]
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
             self._begin(t[left])
-            if found is not None or len(self.at):
-                again, still = self._nearby(t[left])
-                found = again if found is None else jax.tree.map(partial(_replaced, left), found, again)
+            if found is not None or self.can_begin:
+                fresh, still = self._nearby(t[left])
+                answer(left, fresh)
                 left = left[still]
         if len(left):
-            lost = self._with_shortfalls(t[left])
-            found = lost if found is None else jax.tree.map(partial(_replaced, left), found, lost)
+            answer(left, self._with_shortfalls(t[left]))
         return cast(Evaluated, found)
+
+    @property
+    def can_begin(self) -> bool:
+        """Whether a design with each of the states is known."""
+        return all(len(memory.at) for memory in self.states)
+
+    def starts(self, t: np.ndarray) -> tuple[tuple[Any, ...], np.ndarray]:
+        """(the states of the designs nearest to rows of unit values, the square of the distance of the farthest)."""
+        nearest = [memory.nearest(t) for memory in self.states]
+        known = [
+            jax.tree.map(lambda v, k=k: v[k], memory.places)
+            for memory, (k, _) in zip(self.states, nearest, strict=True)
+        ]
+        return tuple(known), np.max([distance for _, distance in nearest], axis=0)
+
+    def _remember(self, t: np.ndarray, known: tuple[Any, ...], has: np.ndarray) -> None:
+        """Keep the states that designs t have, (rows, states)."""
+        for memory, places, good in zip(self.states, known, has.T, strict=True):
+            memory.remember(t, places, good)
+
+    def _is_doubtful(self, t: np.ndarray) -> np.ndarray:
+        """Whether the design next to each row is one that lacks a state."""
+        doubtful = np.zeros(len(t), bool)
+        for state, limit in zip(self.problem.pressed, self.limits, strict=True):
+            memory = self.states[self.problem.followed.index(state)]
+            if len(limit.at):
+                doubtful |= limit.nearest(t)[1] < memory.nearest(t)[1]
+        return doubtful
+
+    def _missing(self, values: np.ndarray, states: list[tuple[str, State]]) -> np.ndarray:
+        """Which of the states rows of values do not have, shape (rows, states)."""
+        columns = [self.problem.columns_of(state) for state in states]
+        return np.array([np.any(np.isnan(values[:, column]), axis=1) for column in columns]).T.reshape(-1, len(states))
+
+    def _look_for_limits(self, t: np.ndarray, found: Evaluated, asked: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Find the limit points that the rows `asked` lie beyond, along the whole way, and do as `_lost` for `rows`."""
+        missing, any_found = self._missing(found.values[asked], self.problem.pressed), False
+        for place, limit in enumerate(self.limits):
+            of = asked[missing[:, place]]
+            if len(of):
+                at, is_fold = self._in_chunks(partial(self.problem.ends, place=place), self.chunk, t[of])
+                limit.remember(t[of], at, is_fold)
+                any_found |= bool(np.any(is_fold))
+        return self._lost(t, found, rows) if any_found else np.arange(len(rows))
+
+    def _lost(self, t: np.ndarray, found: Evaluated, rows: np.ndarray) -> np.ndarray:
+        """Put into rows of `found` how far they lie beyond limit points near known ones; the places among the rows of
+        those for which that is not the whole truth."""
+        if not len(rows):
+            return np.zeros(0, int)
+        missing = self._missing(found.values[rows], self.problem.pressed)
+        shortfall, slopes = np.zeros(len(rows)), np.zeros((len(rows), t.shape[1]))
+        explained = np.zeros_like(missing)
+        for place, limit in enumerate(self.limits):
+            (of,) = np.nonzero(missing[:, place])
+            if not (len(of) and len(limit.at)):
+                continue
+            nearest = limit.nearest(t[rows[of]])[0]
+            start = jax.tree.map(lambda v, nearest=nearest: v[nearest], limit.places)
+            program = partial(self.problem.all_lost_nearby, place=place)
+            by, by_t, at, good = self._in_chunks(program, NEARBY_CHUNK, t[rows[of]], start)
+            beyond = good & (by > 0)
+            limit.remember(t[rows[of]], at, beyond)
+            explained[of, place] = beyond
+            shortfall[of] += by
+            slopes[of] += by_t
+        # Whatever else a design lacks says nothing about how far it is from having it.
+        others = [state for state in self.problem.measured.states if state not in self.problem.pressed]
+        other = np.any(self._missing(found.values[rows], others), axis=1)
+        done = np.any(missing, axis=1) & np.all(explained == missing, axis=1) & ~other
+        put = rows[done]
+        found.shortfall[put], found.shortfall_slopes[put] = shortfall[done], slopes[done]
+        found.value_slopes[put] = np.where(np.isnan(found.values[put])[..., None], 0.0, found.value_slopes[put])
+        for place, state in enumerate(self.problem.pressed):
+            if state in self.problem.asked.states:
+                of = rows[done & missing[:, place]]
+                found.statuses[of, self.problem.asked.states.index(state)] = int(Status.BEYOND_LIMIT)
+        return np.flatnonzero(~done)
 
     def solve(self, t: Any) -> Evaluated:
         """The designs along the whole way from zero load, as `sg.solve` does it; without derivatives."""
@@ -177,56 +311,29 @@ class Evaluator:
     def _begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
         found = self._solve(t)
-        self._remember(t, jax.tree.map(np.asarray, self.problem.known(t, found.solutions)), found.shortfall == 0)
+        known = jax.tree.map(np.asarray, self.problem.known(t, found.solutions))
+        self._remember(t, known, ~self._missing(np.asarray(found.values), self.problem.followed))
 
-    def _nearby(self, t: np.ndarray) -> tuple[Evaluated, np.ndarray]:
-        """What is found from the designs that are known, and the rows that are not found so."""
-        nearest, distance = self.nearest(t)
+    def _nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
+        """What is found from the designs that are known, and the rows that are not found so; those that are doubtful
+        are tried once."""
+        known, distance = self.starts(t)
         # Designs that are solved together wait for the one with the longest way.
         left, found = np.argsort(distance, kind="stable"), cast(Any, None)
-        known = jax.tree.map(lambda v: v[nearest[left]], self.places)
+        known = jax.tree.map(lambda v: v[left], known)
         for _ in range(ROUNDS):
             measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
             fresh = evaluated(measured, t.shape[1], slopes)
             found = fresh if found is None else found
             found = jax.tree.map(partial(_replaced, left), found, fresh)
             good = fresh.shortfall == 0
-            self._remember(t[left], known, good)
+            self._remember(t[left], known, ~self._missing(fresh.values, self.problem.followed))
             on = ~good & np.all([np.all(np.isfinite(place.u), axis=1) for place in known], axis=0)
+            on &= True if doubtful is None else ~doubtful[left]
             known, left = jax.tree.map(lambda v, on=on: v[on], known), left[on]
             if not len(left):
                 break
         return found, np.flatnonzero(found.shortfall > 0)
-
-    def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which of the known designs is nearest to each row of unit values, and the square of its distance."""
-        at = self.at
-        squares = np.sum(at**2, axis=1)[None] - 2 * t @ at.T
-        nearest = np.argmin(squares, axis=1)
-        return nearest, np.sum((t - at[nearest]) ** 2, axis=1)
-
-    @property
-    def at(self) -> np.ndarray:
-        """Unit values of the designs that are known."""
-        return self._memory[0][: self._written] if self._written else np.zeros((0, self.problem.space.size))
-
-    @property
-    def places(self) -> Any:
-        """Their states, where there are any."""
-        return jax.tree.map(lambda v: v[: self._written], self._memory[1])
-
-    def _remember(self, t: np.ndarray, known: Any, good: np.ndarray) -> None:
-        """Keep the good ones of what was solved, in the places of the oldest."""
-        rows = jax.tree.map(lambda v: v[good][-REMEMBERED:], (t, known))
-        if self._memory is None:
-            self._memory = jax.tree.map(lambda v: np.empty((REMEMBERED, *v.shape[1:]), v.dtype), rows)
-        places = (self._written + np.arange(len(rows[0]))) % REMEMBERED
-
-        def write(memory, new):
-            memory[places] = new
-
-        jax.tree.map(write, self._memory, rows)
-        self._written += len(places)
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
         """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""

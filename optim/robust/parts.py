@@ -86,14 +86,13 @@ class Parts:
     def _by_chords(self, rows: np.ndarray) -> Evaluated:
         """With the Jacobians of parts nearby; what is not found so is answered like any other."""
         evaluate = self._evaluate
-        if not len(evaluate.at):
+        if not evaluate.can_begin:
             found = evaluate.solve(rows)
             return found._replace(
                 value_slopes=found.value_slopes[..., :0], shortfall_slopes=found.shortfall_slopes[:, :0]
             )
         evaluate.solves += len(rows)
-        nearest, _ = evaluate.nearest(rows)
-        known = jax.tree.map(lambda v: v[nearest], evaluate.places)
+        known, _ = evaluate.starts(rows)
         found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
         left = np.flatnonzero(found.shortfall > 0)
         return _put(found, left, self._answer(rows[left])) if len(left) else found
@@ -101,9 +100,9 @@ class Parts:
     def _answer(self, rows: np.ndarray) -> Evaluated:
         evaluate = self._evaluate
         evaluate.solves += len(rows)
-        if not len(evaluate.at):
+        if not evaluate.can_begin:
             evaluate._begin(rows[:1])
-        if not len(evaluate.at):
+        if not evaluate.can_begin:
             return evaluate.solve(rows)
         found, left = evaluate._nearby(rows)
         if len(left):

@@ -5,7 +5,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softgrip_jax.numerics.nearby import CHORDS, NEAR, Known, known_root, root_by_chords, root_nearby
+from softgrip_jax.numerics.nearby import (
+    CHORDS,
+    NEAR,
+    Known,
+    fold_nearby,
+    known_fold,
+    known_root,
+    root_by_chords,
+    root_nearby,
+)
 
 
 def bent(u, t):
@@ -140,3 +149,46 @@ def test_what_is_not_a_number_is_not_good():
     assert not near(T, nowhere).good
     assert not chords(T, nowhere)[2]
     assert not chords(T, known_at(T)._replace(inverse=jnp.full((2, 2), jnp.nan)))[2]
+
+
+def arch(u, t):
+    """The load u2 is t0 at most, where u0 = t1: u2 = t0 - (u0 - t1)^2 - (u0 - t1)^3 / 4, u1 = t1 u0 + u2."""
+    away = u[0] - t[1]
+    return jnp.stack([away**2 + away**3 / 4 + u[2] - t[0], u[1] - t[1] * u[0] - u[2]])
+
+
+def top(t):
+    return jnp.stack([t[1], t[1] ** 2 + t[0], t[0]])
+
+
+fold = jax.jit(lambda t, known: fold_nearby(arch, t, known))
+
+
+def test_a_limit_point_itself_tells_its_slopes():
+    found, good = fold(T, known_fold(top(T), T))
+    assert good
+    np.testing.assert_allclose(found.u, top(T), rtol=1e-12)
+    np.testing.assert_allclose(found.moved[-1], [1.0, 0.0], atol=1e-12)
+    assert abs(found.tangent[-1]) < 1e-12
+    # What lies elsewhere on the path is none.
+    assert not fold(T, known_fold(jnp.array([2.5, 2.5 * 2 + 0.71875, 0.71875]), T))[1]
+
+
+@pytest.mark.parametrize("t", [(1.02, 2.1), (0.7, 1.9), (1.5, 2.6)])
+def test_a_limit_point_next_door_with_its_slopes(t):
+    t, known = jnp.array(t), fold(T, known_fold(top(T), T))[0]
+    found, good = fold(t, known)
+    assert good
+    np.testing.assert_allclose(found.u[-1], t[0], rtol=1e-7)
+    np.testing.assert_allclose(found.u, top(t), rtol=1e-3)
+    np.testing.assert_allclose(found.moved[-1], [1.0, 0.0], atol=1e-3)
+    # The next one has a bend to begin with.
+    again, good = fold(t + jnp.array([0.05, 0.05]), found)
+    assert good
+    np.testing.assert_allclose(again.u[-1], t[0] + 0.05, rtol=1e-7)
+
+
+def test_a_path_without_a_limit_point_has_none():
+    straight = jax.jit(lambda t, known: fold_nearby(lambda u, t: u[:-1] - u[-1] * t, t, known))
+    known = known_fold(jnp.array([1.0, 2.0, 1.0]), T)._replace(tangent=jnp.array([0.6, 0.8, 0.0]))
+    assert not straight(T, known)[1]

@@ -24,12 +24,12 @@ class Border(NamedTuple):
 
 def _border(jacobian: Float[Array, "n m"]) -> Border:
     """The border for folds near u: d residual / d load, and the direction of y that the path takes there."""
-    matrix = jnp.concatenate([jacobian, _null_direction(jacobian)[None]])
+    matrix = jnp.concatenate([jacobian, null_direction(jacobian)[None]])
     tangent = solve_small(matrix, jnp.zeros(len(matrix)).at[-1].set(1.0))
     return lax.stop_gradient(Border(jacobian[:, -1], tangent[:-1] / jnp.linalg.norm(tangent)))
 
 
-def _null_direction(jacobian: Float[Array, "n m"]) -> Float[Array, " m"]:
+def null_direction(jacobian: Float[Array, "n m"]) -> Float[Array, " m"]:
     """A vector that is not orthogonal to the null space: the cross product of the rows, or its projection."""
     m = jacobian.shape[1]
     scale = jnp.max(jnp.abs(jacobian))
