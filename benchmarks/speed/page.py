@@ -302,6 +302,21 @@ def _energy(tables: Tables, told: dict[str, Any]) -> list[str]:
     return grid([*head, *at], body)
 
 
+def _drives(tables: Tables, told: dict[str, Any]) -> list[str]:
+    rows = tables["drives"]
+    errors = [name for name in rows[0] if name.startswith(("force_", "moment_"))]
+    body = [
+        [row["model"], *(time_text(row[name]) for name in ("cold_s", "designs_s"))]
+        + [f"{row['gradient']:.1f}" if row["gradient"] else "", time_text(row["compile_s"])]
+        + ["no state" if np.isnan(row[name]) else f"{row[name]:+.0f} %" if row[name] else "0" for name in errors]
+        for row in rows
+    ]
+    words = {"force": "tip force", "moment": "straight moment"}
+    parts = [name.split("_") for name in errors]
+    head = ["model", "alone", "in a batch of 256", "with gradient: times", "compile"]
+    return grid([*head, *(f"{words[what]} at {at} kPa" for what, at, _ in parts)], body)
+
+
 def _explorer(tables: Tables, told: dict[str, Any]) -> list[str]:
     body = [
         [row["scene"], f"{row['first_view_s']:.1f} s", f"{row['second_view_s']:.1f} s",
@@ -335,6 +350,7 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "models": (_models, ("models",)),
     "hard": (_hard, ("hard",)),
     "energy": (_energy, ("energy",)),
+    "drives": (_drives, ("drives",)),
     "explorer": (_explorer, ("explorer",)),
     "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
     "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),

@@ -186,11 +186,8 @@ class Evaluator:
                 fresh, still = self._nearby(t[again])
                 answer(again, fresh)
                 left = np.setdiff1d(left, np.delete(again, still))
-        if found is not None:
-            # The limit points of a few tell of others; those that learn nothing from them are asked for their own.
-            few = left[: self.chunk]
-            left = left[self._look_for_limits(t, found, few, left)]
-            left = left[self._look_for_limits(t, found, np.setdiff1d(left, few), left)]
+        if len(left) and any(len(limit.at) for limit in self.limits):
+            left = self._limits_first(t, found, left)
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
             self._begin(t[left])
@@ -198,6 +195,8 @@ class Evaluator:
                 fresh, still = self._nearby(t[left])
                 answer(left, fresh)
                 left = left[still]
+        if len(left) and found is not None:
+            left = self._limits_first(t, found, left)
         if len(left):
             answer(left, self._with_shortfalls(t[left]))
         return cast(Evaluated, found)
@@ -234,6 +233,13 @@ class Evaluator:
         """Which of the states rows of values do not have, shape (rows, states)."""
         columns = [self.problem.columns_of(state) for state in states]
         return np.array([np.any(np.isnan(values[:, column]), axis=1) for column in columns]).T.reshape(-1, len(states))
+
+    def _limits_first(self, t: np.ndarray, found: Evaluated, left: np.ndarray) -> np.ndarray:
+        """The rows whose limit points do not say what they lack: those of a few tell of others, and those that learn
+        nothing from them are asked for their own."""
+        few = left[: self.chunk]
+        left = left[self._look_for_limits(t, found, few, left)]
+        return left[self._look_for_limits(t, found, np.setdiff1d(left, few), left)]
 
     def _look_for_limits(self, t: np.ndarray, found: Evaluated, asked: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Find the limit points that the rows `asked` lie beyond, along the whole way, and do as `_lost` for `rows`."""

@@ -54,8 +54,8 @@ def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Ca
     each direction all the same: there are fewer of those. Differentiable again; arguments must be passed, not closed
     over.
 
-    apart: by one argument after the other, so that what depends on one alone is not worked out along the others; all at
-    once compiles faster.
+    apart: by one argument after the other, so that what depends on one alone is not worked out along the others, and
+    along each direction of every array; all at once compiles faster.
     """
 
     @jax.custom_jvp
@@ -74,7 +74,7 @@ def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Ca
         leaves, tree = jax.tree.flatten(primals)
         directions = tree.flatten_up_to(tangents)
         moving = [k for k, direction in enumerate(directions) if not isinstance(direction, SymbolicZero)]
-        few = [k for k in moving if jnp.size(leaves[k]) <= FEW]
+        few = [k for k in moving if jnp.size(leaves[k]) <= (1 if apart else FEW)]
         many = [k for k in moving if k not in few]
 
         def of(places, values):
