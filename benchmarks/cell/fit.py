@@ -243,7 +243,7 @@ def linear_heads(C, data, which):
             return jnp.concatenate([t * G[:n] for t, n in zip(values, counts, strict=True)])
 
         return (
-            products("stretch", form.stretch_terms(c, f)),
+            products("stretch", form.stretch_terms(f, c.x[5], form.force(c, f), form.moment(c, f))),
             products("lever", form.lever_terms(f)),
             products("compliance", form.compliance_terms(f)),
         )

@@ -87,14 +87,22 @@ def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Ca
             direction = jnp.expand_dims(directions[k], tuple(range(axes)))
             return jnp.sum(materialised(slope) * direction, axis=tuple(range(axes, slope.ndim)))
 
-        result, parts = function(*primals), []
+        # The value comes with any of the derivatives.
+        result, parts = None, []
         for places in groups(primals, few):
-            slopes = jax.jacfwd(partial(of, places))([leaves[k] for k in places])
+            slopes, result = jax.jacfwd(lambda values, places=places: (of(places, values),) * 2, has_aux=True)(
+                [leaves[k] for k in places]
+            )
             parts += [
                 jax.tree.map(lambda _, row, i=i, k=k: along(k, row[i]), result, slopes) for i, k in enumerate(places)
             ]
         if many:
-            parts += [jax.jvp(partial(of, many), ([leaves[k] for k in many],), ([directions[k] for k in many],))[1]]
+            result, along_many = jax.jvp(
+                partial(of, many), ([leaves[k] for k in many],), ([directions[k] for k in many],)
+            )
+            parts.append(along_many)
+        if result is None:
+            result = function(*primals)
         return result, jax.tree.map(lambda value, *each: sum(each, jnp.zeros_like(value)), result, *parts)
 
     same.defjvp(rule, symbolic_zeros=True)

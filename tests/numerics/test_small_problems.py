@@ -70,6 +70,29 @@ def test_numbers_of_arrays_and_arrays_of_numbers_are_differentiated_once():
         jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=1e-14), ours, theirs)
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_many_numbers_are_followed_along_each_direction(apart):
+    """A law of forty numbers at a point: the same derivatives, and no slope by each of the forty is worked out."""
+
+    def law(numbers, x, y):
+        return jnp.sum(numbers["many"] * jnp.sin(numbers["scale"] * x * jnp.arange(40.0))) * y, x * y
+
+    numbers = {"many": jnp.linspace(-1.0, 2.0, 40), "scale": jnp.asarray(0.3)}
+    once = differentiated_once(law, apart=apart)
+
+    def of(law, weights):
+        moved = {"many": numbers["many"] * weights[0] + weights[1], "scale": numbers["scale"] * weights[0]}
+        return jnp.stack(law(moved, weights[2], weights[0] * weights[1]))
+
+    weights = jnp.array([0.9, 1.2, -0.7])
+    assert_same_derivatives(lambda w: of(once, w), lambda w: of(law, w), weights)
+    # Nothing moves: the value alone.
+    np.testing.assert_array_equal(jnp.stack(once(numbers, 0.5, 2.0)), jnp.stack(law(numbers, 0.5, 2.0)))
+    slopes = jax.jit(jax.grad(lambda many: once({"many": many, "scale": jnp.asarray(0.3)}, 0.5, 2.0)[0]))
+    assert "tensor<40x40xf64>" not in slopes.lower(numbers["many"]).as_text()
+    np.testing.assert_allclose(slopes(numbers["many"]), 2 * np.sin(0.15 * np.arange(40.0)), rtol=1e-14)
+
+
 def test_arrays_of_arrays_are_differentiated_once():
     """y = A x and y = x^2 elementwise, whose slopes are A and 2 x on the diagonal."""
     matrix, x = np.array([[1.0, 2.0], [3.0, 4.0], [5.0, 6.0]]), jnp.array([0.5, -2.0])

@@ -182,10 +182,10 @@ def force(c: Loaded, f: Functions) -> Scalar:
     return 0.5 * (value + jnp.sqrt(value * value + width * width + NO_FORCE**2))
 
 
-def stretch_terms(c: Loaded, f: Functions) -> Array:
-    """What the strain without axial force is a sum of: the walls' force pulls the cover."""
-    E, p, o, k, H = f.E, f.p, f.o, f.k, c.x[5]
-    F, M = force(c, f) / (4 * H), moment(c, f) / H**2
+def stretch_terms(f: Functions, H: Scalar, F: Scalar, M: Scalar) -> Array:
+    """What the strain without axial force is a sum of, F and M being the cell's: the walls' force pulls the cover."""
+    E, p, o, k = f.E, f.p, f.o, f.k
+    F, M = F / (4 * H), M / H**2
     bent = (k, k * k, k * k * k, E * k * H, E * k * k * H)
     return jnp.stack([F, F * E, F * p, F * F, p, p * p, p * o, M, *bent, *f.rims])
 
@@ -202,23 +202,19 @@ def compliance_terms(f: Functions) -> Array:
     return jnp.stack([jnp.ones_like(E), E, E * E, p, E * p, E * o, k, k * k, *f.rims])
 
 
-def stretch_and_compliance(c: Loaded, f: Functions) -> tuple[Scalar, Scalar]:
-    """lambda_0 - 1, and d lambda / d (N / mu B^2)."""
-    strain = c.numbers[PLACES["stretch"]] @ stretch_terms(c, f)
-    return strain, 0.25 / c.x[5] * jnp.exp(c.numbers[PLACES["compliance"]] @ compliance_terms(f))
-
-
 def at_curvature(c: Loaded, k: Scalar) -> dict[str, Array]:
     """The five values at a curvature (times B), and the slopes of the stretch and the compliance by it."""
-    f = functions(c, k)
-    (strain, axial), (strain_slope, axial_slope) = jax.jvp(
-        lambda k: stretch_and_compliance(c, functions(c, k)), (k,), (jnp.ones_like(k),)
-    )
-    lever = 1 + c.numbers[PLACES["lever"]] @ lever_terms(f)
-    return {
-        "moment": moment(c, f),
-        "force": force(c, f),
-        "lever": lever * (c.x[0] + 0.5 * c.x[5]),
+
+    def of(k):
+        f = functions(c, k)
+        M, F = moment(c, f), force(c, f)
+        strain = c.numbers[PLACES["stretch"]] @ stretch_terms(f, c.x[5], F, M)
+        axial = 0.25 / c.x[5] * jnp.exp(c.numbers[PLACES["compliance"]] @ compliance_terms(f))
+        lever = 1 + c.numbers[PLACES["lever"]] @ lever_terms(f)
+        return (strain, axial), {"moment": M, "force": F, "lever": lever * (c.x[0] + 0.5 * c.x[5])}
+
+    (strain, axial), (strain_slope, axial_slope), others = jax.jvp(of, (k,), (jnp.ones_like(k),), has_aux=True)
+    return others | {
         "stretch": strain,
         "compliance": axial,
         "stretch_slope": strain_slope,
