@@ -129,6 +129,24 @@ def test_beyond_a_limit_point_a_finger_says_how_far():
     assert np.all(found.value_slopes[lost][np.isnan(found.values[lost])] == 0)
 
 
+def test_a_task_out_of_reach_says_so_without_limit_points():
+    """A state whose pressure is sought lies beyond no pressure: nothing is followed, and nothing fails."""
+    finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
+    held = sg.pneunet.TipContact(finger, points=6)
+    space = Space({"held": held}, [Variable("finger.a", 4.5 * mm, 5.5 * mm)])
+    problem = Problem(space, [Goal("minimise", Quantity("pressure", ("tip_force", 0.1), "held"))])
+    assert problem.followed
+    assert not problem.pressed
+    evaluate = searching.Evaluator(problem, 4)
+    t = np.array([[0.2], [0.6]])
+    found = evaluate(t)
+    np.testing.assert_array_equal(found.shortfall, 0)
+    lost = found._replace(values=found.values * np.nan, shortfall=found.shortfall + 1)
+    np.testing.assert_array_equal(evaluate._lost(t, lost, np.arange(2)), [0, 1])
+    np.testing.assert_array_equal(evaluate._limits_first(t, lost, np.arange(2)), [0, 1])
+    assert not evaluate._is_doubtful(t).any()
+
+
 SIZES = {"a": 5, "b": 8, "h_x": 0.9, "t_m": 1.1, "h_L": 4.2, "H": 5, "B": 20, "L": 77}
 
 

@@ -231,8 +231,10 @@ class Evaluator:
 
     def _missing(self, values: np.ndarray, states: list[tuple[str, State]]) -> np.ndarray:
         """Which of the states rows of values do not have, shape (rows, states)."""
-        columns = [self.problem.columns_of(state) for state in states]
-        return np.array([np.any(np.isnan(values[:, column]), axis=1) for column in columns]).T.reshape(-1, len(states))
+        missing = np.zeros((len(values), len(states)), bool)
+        for k, state in enumerate(states):
+            missing[:, k] = np.any(np.isnan(values[:, self.problem.columns_of(state)]), axis=1)
+        return missing
 
     def _limits_first(self, t: np.ndarray, found: Evaluated, left: np.ndarray) -> np.ndarray:
         """The rows whose limit points do not say what they lack: those of a few tell of others, and those that learn
