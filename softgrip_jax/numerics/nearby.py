@@ -208,8 +208,8 @@ def fold_nearby(
     predicted = known.u + known.moved @ (t - known.t)
     is_new = jnp.all(known.tangent == 0)
     row = jnp.where(is_new, null_direction(value_and_jacobian(of_u, known.u)[1]), known.tangent)
-    # Where nothing but the place is known that is the limit point itself.
-    size = jnp.where(is_new, 0.0, jnp.inf)
+    # A place of which nothing else is known is the limit point itself, of its own parameters.
+    size = jnp.where(is_new & jnp.all(t == known.t), 0.0, jnp.inf)
     start = _Way(predicted, row, known.bend, zero, zero, size, jnp.asarray(0))
     way = lax.while_loop(goes_on, step, start)
     move, tangent, inverse = look(way.u, way.tangent)

@@ -182,6 +182,10 @@ def test_a_limit_point_next_door_with_its_slopes(t):
     np.testing.assert_allclose(found.u[-1], t[0], rtol=1e-7)
     np.testing.assert_allclose(found.u, top(t), rtol=1e-3)
     np.testing.assert_allclose(found.moved[-1], [1.0, 0.0], atol=1e-3)
+    # As well from one of which the place alone is known.
+    found, good = fold(t, known_fold(top(T), T))
+    assert good
+    np.testing.assert_allclose(found.u[-1], t[0], rtol=1e-7)
     # The next one has a bend to begin with.
     again, good = fold(t + jnp.array([0.05, 0.05]), found)
     assert good
