@@ -18,7 +18,8 @@ import numpy as np
 from softgrip_jax.commands.programs import QUICKLY, program
 from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
-from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Quantity, QuantitySet
+from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet
+from softgrip_jax.questions import solve
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status, in_units
 
@@ -35,7 +36,8 @@ BOTH = (
 
 
 class Beside(NamedTuple):
-    """Quantities by the other drive."""
+    """Quantities by the other drive. Where a design has no state at a pressure by that drive, the quantities there come
+    once more, at a lower pressure at which all of the designs have one."""
 
     quantities: list[Quantity]
     kinds: list[str]
@@ -54,6 +56,14 @@ class Beside(NamedTuple):
             for q, kind, drive, column in zip(self.quantities, self.kinds, self.drives, self.values.T, strict=True)
         ]
 
+    def compared(self, quantity: Quantity) -> tuple[Quantity, str, np.ndarray] | None:
+        """A quantity at a pressure at which all designs have a state by the other drive, that drive, and its values."""
+        name, of_all = (
+            (quantity.scene, quantity.observable),
+            zip(self.quantities, self.drives, self.values.T, strict=True),
+        )
+        return next(((q, d, v) for q, d, v in reversed([*of_all]) if (q.scene, q.observable) == name), None)
+
 
 def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
     """The quantities of a problem's fingers by their other drive, at SI values of designs; None where there are none,
@@ -71,29 +81,63 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
         return None
     asked_set = QuantitySet(scenes, asked)
 
-    def other_values(x):
+    # Pressures are data of the program: it serves for lower ones, too.
+    given = np.array([np.nan if isinstance(at, str | tuple) else at for _, at in asked_set.states], dtype=float)
+
+    def other_values(x, pressures):
         moved = without_rules(problem.space.scenes_at(x))
         changed = {name: with_other_drive(scene) if name in others else scene for name, scene in moved.items()}
-        return asked_set.measure(changed)
+        known = {
+            state: solve(changed[state[0]], p)
+            for state, p in zip(asked_set.states, pressures, strict=True)
+            if not isinstance(state[1], str | tuple)
+        }
+        return asked_set.measure(changed, solutions=known)
 
-    rows, batched = jnp.stack([jnp.asarray(row) for row in x]), jax.jit(jax.vmap(other_values))
+    rows, batched = jnp.stack([jnp.asarray(row) for row in x]), jax.jit(jax.vmap(other_values, in_axes=(0, None)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CellRangeWarning)  # it is among the remarks
-        kept = program(batched, rows, about=problem.about, options=QUICKLY) if problem.about else batched
-        found = jax.tree.map(np.asarray, kept(rows))
-    drives = [others[q.scene].drive for q in asked_set.quantities]
-    best = problem.scenes_at(x[-1])
-    said = dict.fromkeys(sentence for name in others for sentence in remarks(best[name]))
-    labels = asked_set.state_labels()
-    reasons = [
-        [
-            f"{label}: {Reason(int(reason)).text(float(detail))}"
-            for label, status, reason, detail in zip(labels, *of_design, strict=True)
-            if status != Status.OK
-        ]
-        for of_design in zip(found.statuses, found.reasons, found.details, strict=True)
+        kept = program(batched, rows, given, about=problem.about, options=QUICKLY) if problem.about else batched
+        found = jax.tree.map(np.asarray, kept(rows, given))
+        shared = shared_pressures(given, found)
+        lower = np.flatnonzero(shared < given)
+        again = jax.tree.map(np.asarray, kept(rows, shared)) if lower.size else found
+    of_lower = [k for k, of in enumerate(asked_set.state_of) if of in lower]
+    lowered = [dataclasses.replace(asked_set.quantities[k], at=float(shared[asked_set.state_of[k]])) for k in of_lower]
+    both = [
+        (asked_set, found),
+        (QuantitySet(scenes, lowered), Observed(again.values[:, of_lower], *(part[:, lower] for part in again[1:]))),
     ]
-    return Beside(asked_set.quantities, asked_set.kinds, drives, found.values, reasons, list(said))
+    quantities = [q for part, _ in both for q in part.quantities]
+    best = problem.scenes_at(x[-1])
+    return Beside(
+        quantities,
+        [kind for part, _ in both for kind in part.kinds],
+        [others[q.scene].drive for q in quantities],
+        np.concatenate([seen.values for _, seen in both], axis=1),
+        [[words for part, seen in both for words in _lost(part, seen, k)] for k in range(len(x))],
+        list(dict.fromkeys(sentence for name in others for sentence in remarks(best[name]))),
+    )
+
+
+def _lost(asked: QuantitySet, seen: Observed, k: int) -> list[str]:
+    """Why design k is without some of its states."""
+    each = zip(asked.state_labels(), seen.statuses[k], seen.reasons[k], seen.details[k], strict=True)
+    return [f"{label}: {Reason(int(why)).text(float(at))}" for label, status, why, at in each if status != Status.OK]
+
+
+BELOW_LIMIT = 0.97
+"""Of the smallest limit pressure among the designs: at most there they are compared."""
+
+
+def shared_pressures(given: np.ndarray, found: Observed) -> np.ndarray:
+    """For each state the pressure (Pa) at which all designs have it: the given one, or two digits of a little less than
+    the smallest limit pressure; NaN where a design is without that state for another reason."""
+    lost = found.statuses != Status.OK
+    limits = np.where(found.statuses == Status.BEYOND_LIMIT, found.details, np.where(lost, np.nan, np.inf))
+    most = BELOW_LIMIT * limits.min(axis=0)
+    unit = 10.0 ** (np.floor(np.log10(np.where((most > 0) & (most < np.inf), most, 1.0))) - 1)
+    return np.where(lost.any(axis=0), np.floor(most / unit) * unit, given)
 
 
 def _is_twin(scenes: dict[str, Any], name: str) -> bool:

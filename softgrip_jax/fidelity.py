@@ -485,7 +485,7 @@ def _finger(scene: Any) -> Iterator[LadderModel]:
 
 def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[LadderModel]:
     """The same finger with more and more points: up to FINEST_POINTS or its own, and at least once more."""
-    coupled = scene.inclination != "none"
+    coupled = scene.inclines()
     if isinstance(scene, pneunet.Free) and scene.is_arcs():
         yield LadderModel(scene, left_out, "arcs", COUPLED_ARC_COST if coupled else ARC_COST)
         return

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import softgrip_jax as sg
 from optim.calibration.drives import Rival
 from optim.design import settings
-from optim.drives import SUFFIX, by_both_drives, by_other_drive
+from optim.drives import BELOW_LIMIT, SUFFIX, by_both_drives, by_other_drive
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -125,6 +125,25 @@ def test_designs_are_reported_by_the_other_drive(problem):
         expected = sg.solve(sg.pneunet.TipContact(finger, points=6, drive="cell"), 15 * kPa).tip_force
         np.testing.assert_allclose(row[0], expected, rtol=1e-9)
     assert beside.reasons == [[], []]
+
+
+def test_designs_without_a_state_are_compared_at_a_lower_pressure():
+    """The thin one snaps at a pressure below 31 kPa by the cell law: both are reported where both have a state."""
+    space = Space({"held": held(points=16)}, [Variable("finger.H", 3 * mm, 6 * mm)])
+    force = Quantity("tip_force", 31 * kPa, "held")
+    beside = by_other_drive(Problem(space, [Goal("maximise", force)]), [np.array([5 * mm]), np.array([3.9 * mm])])
+    quantity, drive, values = beside.compared(force)
+    assert (quantity.observable, drive) == ("tip_force", "cell")
+    assert np.isfinite(values).all()
+    assert quantity.at == np.floor(quantity.at / kPa) * kPa
+    for H, value, at_31 in zip((5 * mm, 3.9 * mm), values, beside.values[:, 0], strict=True):
+        finger = sg.PneuNet(**(sizes() | {"H": jnp.asarray(H)}), material=sg.NeoHookean(mu=136 * kPa))
+        scene = sg.pneunet.TipContact(finger, drive="cell")
+        assert value == pytest.approx(float(sg.solve(scene, quantity.at).tip_force), rel=1e-9)
+        later = sg.solve(scene, (quantity.at + 1 * kPa) / BELOW_LIMIT)
+        assert (later.status == sg.Status.OK) == np.isfinite(at_31)
+    assert [len(reasons) for reasons in beside.reasons] == [0, 1]
+    assert f"{quantity.at / kPa:g} kPa, drive cell" in beside.rows(Problem(space, [Goal("maximise", force)]))[1][0]
 
 
 def test_both_drives_double_the_scenes_and_the_constraints(problem):

@@ -312,6 +312,11 @@ def report(result: SearchResult, console: Console) -> None:
         k = problem.quantities.index(quantity)
         start, name = result.reference.values[k], problem.label(quantity)
         table.add_row(f"change of {name}", "", *(_change(start, d.values[k]) for d in shown[1:]))
+        compared = beside.compared(quantity) if beside else None
+        if compared is not None:
+            other, drive, (first, *others) = compared
+            label = f"change of {problem.label(other)}, drive {drive}"
+            table.add_row(label, "", *(_change(first, value) for value in others))
     if len(problem.goals) > 1:
         table.add_row("objective", *(f"{d.objective:.5g}" if d.answered else "-" for d in shown))
     if problem.constrained:

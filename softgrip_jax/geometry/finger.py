@@ -5,16 +5,20 @@ Lengths in mm, x along the unloaded finger from the clamp, y away from the side 
 
 from __future__ import annotations
 
+import dataclasses
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..objects.grasped import Taper
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.linear import Linear
-from ..pneunet.wall.small_strain import SmallStrainChamber
+from ..pneunet.wall.small_strain import SmallStrainChamber, small_strain_inflation
 from ..results import Solution
 from ..units import mm
 from .walls import TOUCHES, outlines, small_strain_outline, thick, wall_behind, walls_at
@@ -138,8 +142,13 @@ class Inflated(NamedTuple):
         return np.concatenate([self.near_clamp, self.near_tip[::-1]])
 
 
-def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = None) -> list[Inflated]:
-    """The chambers of a finger at a pressure (Pa); inflation (m): of its small-strain walls, where it has such."""
+def has_small_strain_walls(scene: Any) -> bool:
+    """Whether the walls of a scene's chambers are plates of small strain."""
+    return isinstance(scene, SmallStrainChamber | Linear) or getattr(scene, "drive", None) == "small_strain"
+
+
+def inflated(scene: Any, line: Line, pressure: float) -> list[Inflated]:
+    """The chambers of a finger at a pressure (Pa)."""
     finger = scene.finger
     places, foot = chamber_places(finger), 0.5 * float(finger.H) / mm
     if not places:
@@ -148,11 +157,12 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
     # Two walls for every chamber: towards the clamp, towards the tip. Chambers that bend forwards open.
     leans = np.stack([theta[:, 0] - theta[:, 1], theta[:, 1] - theta[:, 2]], axis=1).ravel()
     fields = {name: np.repeat([p.fields[name] for p in places], 2) for name in SEGMENT_FIELDS}
-    if inflation is None:
+    if has_small_strain_walls(scene):
+        inflation = _small_strain_inflations(fields, finger, jnp.asarray(pressure))
+        faces, stretch = small_strain_outline(fields["a"], fields["h_x"], np.asarray(inflation), leans), 1.0
+    else:
         walls = walls_at(finger, leans, pressure, fields)
         faces, stretch = outlines(walls, fields["a"], leans), walls.stretch
-    else:
-        faces, stretch = small_strain_outline(scene, inflation, leans), 1.0
     behind = wall_behind(faces, fields["t_m"] / stretch**2)
     presses = faces[..., 0] < TOUCHES * fields["t_m"][:, None]
     origin, along, normal = (
@@ -176,6 +186,11 @@ def inflated(scene: Any, line: Line, pressure: float, inflation: float | None = 
     return chambers
 
 
+@partial(jax.vmap, in_axes=(0, None, None))
+def _small_strain_inflations(fields: dict[str, Any], finger: PneuNet, pressure: Any) -> Any:
+    return small_strain_inflation(dataclasses.replace(finger, **fields), pressure)
+
+
 def contacts(chambers: list[Inflated]) -> list[np.ndarray]:
     """For every chamber but the first: which points of its face towards the clamp touch the chamber before: where both
     press on the plane between them."""
@@ -184,10 +199,7 @@ def contacts(chambers: list[Inflated]) -> list[np.ndarray]:
 
 def chambers_of(solution: Solution, line: Line) -> list[Inflated]:
     """The chambers of a solved finger."""
-    scene: Any = solution.scene
-    small = isinstance(scene, SmallStrainChamber | Linear)
-    inflation = float(scene.finger.a * np.tan(float(solution.unknowns))) if small else None
-    return inflated(scene, line, float(solution.pressure), inflation)
+    return inflated(solution.scene, line, float(solution.pressure))
 
 
 def touching_point(scene: Any, line: Line) -> np.ndarray:

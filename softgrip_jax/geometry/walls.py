@@ -17,9 +17,7 @@ from jaxtyping import Array, Float
 
 from ..membrane import angle_over_sine, first_contact_angle, tensions
 from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
-from ..pneunet.linear import Linear
 from ..pneunet.wall.arc import Chamber
-from ..pneunet.wall.small_strain import SmallStrainChamber
 
 ARC_POINTS = 60
 """Points on each arc of a wall."""
@@ -158,10 +156,9 @@ def outlines(walls: Walls, a: Number, inclinations: np.ndarray) -> np.ndarray:
     return np.where(inclinations[:, None, None] < 0, closing, points)
 
 
-def small_strain_outline(scene: SmallStrainChamber | Linear, inflation: float, inclination: Number) -> np.ndarray:
+def small_strain_outline(a: Number, near: Number, inflation: Number, inclination: Number) -> np.ndarray:
     """A wall of the small-strain model: an arc as high as its inflation (m), cut off by the plane."""
-    a, near = float(scene.finger.a), float(scene.finger.h_x)
-    points = free_outline(a, near, inclination, 2 * float(np.arctan(inflation / a)))
+    points = free_outline(a, near, inclination, 2 * np.arctan(inflation / a))
     return np.stack([np.maximum(points[..., 0], 0.0), points[..., 1]], axis=-1)
 
 

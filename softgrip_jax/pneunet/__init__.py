@@ -19,5 +19,6 @@ from .wall.pressures import chamber as chamber
 from .wall.pressures import contact_pressure as contact_pressure
 from .wall.pressures import wall_limit as wall_limit
 from .wall.small_strain import SmallStrainChamber as SmallStrainChamber
+from .wall.small_strain import SmallStrainWalls as SmallStrainWalls
 
 __dir__ = _listing(globals())

@@ -32,7 +32,7 @@ def found(scene: Any, pressure: Scalar) -> Found:
         applied = scene.push(chamber, pressure, chamber.inclining * turn) * 3 * scene.finger.L / scene.finger.H
         return jnp.where(jnp.isfinite(z), y - applied, jnp.inf)
 
-    if scene.inclination == "none":
+    if not scene.inclines():
         unknowns, iterations = highest, jnp.asarray(0)
     else:
         roots = jax.vmap(lambda top, c, length: bracketed_root(lambda y: surplus(y, c, length), 0 * top, top))(

@@ -1,4 +1,4 @@
-"""The two laws of what pushes a finger, one beside the other.
+"""The laws of what pushes a finger, one beside the other.
 
 The thesis's chambers and the cell law differ by a factor of about four in moment and tip force (docs/theory/cell.md):
 whoever reports what a finger does by one of them reports what it does by the other, too.
@@ -13,17 +13,22 @@ from .beam.method import POINTS, Shooting
 from .cell.law import outside
 from .finger_scene import FingerScene
 
-OTHER = {"thesis": "cell", "cell": "thesis"}
+OTHER = {"thesis": "cell", "cell": "thesis", "small_strain": "cell"}
 
 SENTENCE = (
     'Two laws push this finger: "thesis", its chambers as the thesis models them, near to the tip forces measured '
     'there, and "cell", near to finite elements of chamber, walls, rims and cover. Nobody knows yet why they differ: '
     "calibrate to what you built (docs/limits.md)."
 )
+SMALL_STRAIN = (
+    'Two laws push this finger: "small_strain", its walls as plates of small strain, the simplest one, and "cell", '
+    "near to finite elements of chamber, walls, rims and cover, with several times its force (docs/limits.md)."
+)
 
 
 def with_other_drive(scene: Any) -> FingerScene | None:
-    """The same finger under the same loads, pushed by the other of the two laws; None where a scene has no such choice.
+    """The same finger under the same loads, pushed by the cell law, or by the thesis's where it is pushed by that; None
+    where a scene has no such choice.
 
     The cell law is solved by collocation only: a beam by shooting becomes one by collocation.
     """
@@ -36,6 +41,7 @@ def with_other_drive(scene: Any) -> FingerScene | None:
 
 
 def remarks(scene: FingerScene) -> list[str]:
-    """What people must know who see both: `SENTENCE`, and the dimensions to which the cell law was not fitted."""
+    """What people must know who see both: what they are, and the dimensions to which the cell law was not fitted."""
     beyond = outside(scene.finger)
-    return [SENTENCE, *([f"The cell law was not fitted to such a finger: {'; '.join(beyond)}."] if beyond else [])]
+    sentence = SMALL_STRAIN if scene.drive == "small_strain" else SENTENCE
+    return [sentence, *([f"The cell law was not fitted to such a finger: {'; '.join(beyond)}."] if beyond else [])]

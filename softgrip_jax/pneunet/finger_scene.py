@@ -39,6 +39,7 @@ from .section.choice import section_law
 from .wall.arc import gap_share, within
 from .wall.base import WallModel
 from .wall.pressures import end_moment, pressure_of_moment, touching_angle, wall_limit
+from .wall.small_strain import SmallStrainWalls
 
 Scalar = Float[Array, ""]
 
@@ -80,7 +81,7 @@ that buckles a finger with its tip held to the next it is 39.5 (20.2, 59.7, ...)
 
 
 INCLINATIONS = ("segment", "gap", "none")
-DRIVES = ("thesis", "cell")
+DRIVES = ("thesis", "cell", "small_strain")
 SPREADS = ("root", "none")
 
 
@@ -176,8 +177,10 @@ class FingerScene(PathEquations, Scene):
             model, or "cell", the cell law (`cell.law`), near to finite elements of chamber, walls, rims and cover
             together, at every point of the beam. With it section and inclination have no part, and end_moment is that
             of a straight segment at the tip. The forces of the two differ by a factor of about four:
-            docs/theory/cell.md. A `WallModel` of your own may stand there, too.
-        moment_spread: of the drive "thesis": "root" as printed, "none" without the root sqrt(2 h_x / (2 h_x + h_L)).
+            docs/theory/cell.md. "small_strain" are the walls as plates of small strain, the simplest law
+            (`SmallStrainWalls`): it knows no inclination, either. A `WallModel` of your own may stand there, too.
+        moment_spread: of the drives "thesis" and "small_strain": "root" as printed, "none" without the root
+            sqrt(2 h_x / (2 h_x + h_L)).
         loading: the way on which a state is reached, which decides which one it is: "first", weight and pulls grow from
             nothing to their full size, then the pressure, or "proportional", weight, pulls and tip offset grow in
             proportion to the pressure. A light finger arrives at the same state; one that is too heavy to be held
@@ -257,6 +260,16 @@ class FingerScene(PathEquations, Scene):
         """True where the cell law drives the finger, and is its section law, too."""
         return self.drive == "cell"
 
+    def walls(self) -> WallModel | None:
+        """The model of one chamber that drives the finger; None for the thesis's arcs and for the cell law."""
+        if self.drive == "small_strain":
+            return SmallStrainWalls()
+        return self.drive if isinstance(self.drive, WallModel) else None
+
+    def inclines(self) -> bool:
+        """True where what a chamber does depends on the turn of its own part of the beam."""
+        return self.inclination != "none" and self.drive not in ("cell", "small_strain")
+
     def _warn_outside(self) -> None:
         """One warning where known dimensions are outside of what the cell law was fitted to."""
         finger = self.finger
@@ -331,7 +344,7 @@ class FingerScene(PathEquations, Scene):
         if isinstance(pressure, Moment):
             return -pressure.active + jnp.zeros(len(turned))
         # A part that bends backwards keeps parallel walls.
-        parallel = self.inclination == "none"
+        parallel = not self.inclines()
         inclinations = jnp.zeros_like(turned) if parallel else opening(parts.chamber.inclining * turned)
         return -jax.vmap(self.push, in_axes=(0, None, 0))(parts.chamber, pressure, inclinations)
 
@@ -345,7 +358,7 @@ class FingerScene(PathEquations, Scene):
 
     def _cut(self, method: Shooting, unknowns: Array) -> tuple[Part, Points, Segments]:
         parts, points = self.chambers()
-        coupled = self.inclination != "none"
+        coupled = self.inclines()
         own = unknowns[-unknown_count(method, len(parts.low), coupled) :]
         return parts, points, segments_of(method, parts, self.clamp(), own, coupled)
 
@@ -437,13 +450,13 @@ class FingerScene(PathEquations, Scene):
         parts, points = self.chambers()
         method = self.method()
         if isinstance(method, Shooting):
-            return jnp.zeros(unknown_count(method, len(parts.low), self.inclination != "none"))
+            return jnp.zeros(unknown_count(method, len(parts.low), self.inclines()))
         return jnp.zeros(len(parts.low) * len(points.places))
 
     def chambers(self) -> tuple[Part, Points]:
         """The parts of the beam and the points in each: one part where all chambers push alike."""
         finger = self.finger
-        one = self.inclination == "none" or self.is_one_arc() or self.is_cell()
+        one = not self.inclines() or self.is_one_arc()
         count = finger.segments or (1 if one else INCLINATION_PARTS)
         wanted = self.method().points
         if self.bends_evenly():
@@ -470,14 +483,18 @@ class FingerScene(PathEquations, Scene):
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
-        if isinstance(self.drive, WallModel):
-            moment = self.drive.end_moment(finger, pressure, inclination) / finger.moment_scale()
-            return jnp.where(pressure <= self.drive.largest_pressure(finger), moment, jnp.nan)
-        moment = end_moment(finger, pressure, inclination) / finger.moment_scale()
-        return moment if self.moment_spread == "root" else moment / gap_share(finger)
+        walls = self.walls()
+        if walls is None:
+            moment = end_moment(finger, pressure, inclination)
+        else:
+            moment = walls.end_moment(finger, pressure, inclination)
+            moment = jnp.where(pressure <= walls.largest_pressure(finger), moment, jnp.nan)
+        moment = moment / finger.moment_scale()
+        as_given = self.moment_spread == "root" or isinstance(self.drive, WallModel)
+        return moment if as_given else moment / gap_share(finger)
 
     def pressure_span(self):
-        finger = self.finger
+        finger, walls = self.finger, self.walls()
         fields = {name: jnp.broadcast_to(getattr(finger, name), (finger.segments or 1,)) for name in SEGMENT_FIELDS}
 
         def of(fields):
@@ -485,8 +502,8 @@ class FingerScene(PathEquations, Scene):
             one = wall.finger
             # On a whole wall this pressure bends the cover by about one radian.
             scale = one.moment_scale() * one.H / (3 * one.L * one.a * one.b * (0.5 * one.H + one.a))
-            if isinstance(self.drive, WallModel):
-                return self.drive.contact_pressure(one), scale, self.drive.largest_pressure(one)
+            if walls is not None:
+                return walls.contact_pressure(one), scale, walls.largest_pressure(one)
             # Parallel walls touch where the free arc reaches the plane, (4.15), (4.16).
             touch = wall.load(touching_angle(one))
             if finger.material.closed_forms().has_rising_wall:
@@ -508,7 +525,7 @@ class FingerScene(PathEquations, Scene):
 
     def spent(self, unknowns, pressure):
         """The pressure over what the walls hold where they are most inclined."""
-        if self.inclination == "none" or self.is_cell() or isinstance(self.drive, WallModel):
+        if not self.inclines() or isinstance(self.drive, WallModel):
             return {}
         parts, _ = self.chambers()
         inclinations = opening(parts.chamber.inclining * self.turned(unknowns))
@@ -526,14 +543,14 @@ class FingerScene(PathEquations, Scene):
         """The turn of every part, rad, positive where it bends as the chambers push."""
         parts, points = self.chambers()
         method = self.method()
-        if isinstance(method, Shooting) and self.inclination != "none":
+        if isinstance(method, Shooting) and self.inclines():
             return self._cut(method, unknowns)[2].turned()
         return -(parts.high - parts.low) * (self.curvatures(unknowns) @ points.weights)
 
     def end_reason(self):
         if self.is_cell():
             return Reason.CELL_LAW_ENDS
-        if isinstance(self.drive, WallModel):
+        if self.walls() is not None:
             return Reason.NO_EQUILIBRIUM
         closed = self.finger.material.closed_forms().has_rising_wall
         return Reason.WALL_CLOSED if closed else Reason.LIMIT_POINT

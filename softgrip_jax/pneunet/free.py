@@ -181,7 +181,7 @@ class Free(FingerScene):
 
     def explicit(self, pressure):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
-        if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclination != "none"):
+        if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclines()):
             return None
         return arcs.found(self, pressure)
 

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 
 from ...curve_scene import CurveScene
-from ...fields import part
+from ...fields import part, to_float_array
 from ...membrane import plate_coefficient
 from ...results import stop_gradient_where_failed
 from ..finger import PneuNet
 from ..rules import margins_of_parts
 from .arc import Scalar, gap_share, one_chamber
+from .base import WallModel
 
 
 class SmallStrainChamber(CurveScene):
@@ -100,3 +102,46 @@ def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
     scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))
     inflation = jnp.cbrt(jnp.where(touching, pressure, 1.0) / scene._stiffness())
     return jnp.where(touching, scene.observe(jnp.arctan(inflation), pressure)["end_moment"], 0.0)
+
+
+CONTACT_GROWS = 0.02
+"""Of the pressure of contact: the way on which the moment of `SmallStrainWalls` comes up."""
+MOST_INFLATION = 10.0
+"""delta over a where the drive ends: far beyond what a plate of small strain can mean, and beyond all limit points."""
+
+
+class SmallStrainWalls(WallModel):
+    """What drives a finger with drive = "small_strain": the walls of `SmallStrainChamber`.
+
+    M_T(p) is that of `SmallStrainChamber`, explicit, whatever the inclination. There it steps up from zero at contact,
+    p_c = C E t_m h_x^3 / a^4; no finger could be followed through a step, so here it comes up on the way from p_c
+    to 1.02 p_c, as the smooth step s^3 (10 - 15 s + 6 s^2). The pressure ends at delta = 10 a.
+
+    Source: thesis 4.2, (4.1) to (4.6); the way on which the moment comes up is own.
+
+    Examples:
+        >>> finger = sg.PneuNet.table_5_1("A")
+        >>> exerted = sg.pneunet.SmallStrainWalls().end_moment(finger, 15 * kPa, 0.0)
+        >>> print(f"{exerted / N_mm:.4f} N mm")
+        2.5690 N mm
+    """
+
+    def end_moment(self, finger, pressure, inclination):
+        pressure, begin = to_float_array(pressure), self.contact_pressure(finger)
+        gap = begin > 0
+        s = jnp.clip((pressure / jnp.where(gap, begin, 1.0) - 1) / CONTACT_GROWS, 0.0, 1.0)
+        grown = jnp.where(gap, s**3 * (10 - 15 * s + 6 * s * s), 1.0)
+        return small_strain_end_moment(finger, pressure) * grown
+
+    def largest_pressure(self, finger):
+        return SmallStrainChamber(finger).load(jnp.arctan(MOST_INFLATION))
+
+    def contact_pressure(self, finger):
+        scene = SmallStrainChamber(finger)
+        return scene.load(scene.interval()[0])
+
+
+@jax.jit
+def small_strain_inflation(finger: PneuNet, pressure: Scalar) -> Scalar:
+    """delta of `SmallStrainChamber`, m, below contact, too."""
+    return finger.a * jnp.cbrt(pressure / SmallStrainChamber(finger)._stiffness())
