@@ -37,7 +37,9 @@ def test_a_small_sample_runs_and_is_right(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("part", ["fingers", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"])
+@pytest.mark.parametrize(
+    "part", ["fingers", "methods", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"]
+)
 def test_every_part_runs(tmp_path, part):
     assert quick(tmp_path, part)[part]
 

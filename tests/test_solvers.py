@@ -1,6 +1,7 @@
 """Solvers as a choice: the same answers by each, certificates, warm starts, and what cannot be used."""
 
 from dataclasses import replace
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -21,17 +22,25 @@ from softgrip_jax.units import kPa, mm
 
 OK, BEYOND, NOT_CONVERGED = sg.Status.OK, sg.Status.BEYOND_LIMIT, sg.Status.NOT_CONVERGED
 FAST = ("free", "flat-yeoh", "cylinder")
-CURVES = [
-    case if case.name in FAST else pytest.param(case, marks=pytest.mark.slow)
-    for case in CASES
-    if "energy" not in case.name
-]
+NEARBY = 0.98
+"""A guess is the solution at this share of the pressure."""
 
 
-@pytest.mark.parametrize("case", CURVES, ids=str)
-def test_newton_finds_what_the_curve_tells(case: Case):
+def catalogue():
+    """Every scene of the catalogue by every solver that suits it, and by Newton's method from nearby, too."""
+    for case in CASES:
+        names = ["MinimumEnergy"] if "energy" in case.name else ["ExplicitCurve", "Newton", "Newton from nearby"]
+        for name in names:
+            fast = case.name in FAST and name == "Newton"
+            yield pytest.param(case, name, id=f"{case}-{name}", marks=[] if fast else pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("case", "name"), list(catalogue()))
+def test_every_solver_finds_what_the_default_finds(case: Case, name: str):
     scene, observed = reference(case)
-    found = sg.solve(scene, case.pressure, solver=Newton())
+    solver = getattr(sg.solvers, name.split()[0])()
+    near = sg.solve(scene, NEARBY * case.pressure) if "nearby" in name else None
+    found = sg.solve(scene, case.pressure, solver=solver, guess=near)
     assert int(found.status) == OK
     for name, value in observed.items():
         np.testing.assert_allclose(found.observables[name], value, rtol=1e-9)
@@ -158,44 +167,83 @@ def test_the_energy_membrane_by_its_solver():
 # --- hard cases by every method and solver ----------------------------------------------------------------------------
 
 
-def check(case: Hard, scene: sg.Scene, solver) -> None:
-    """Newton may give up where the catalogue has an answer, but what it calls OK is that answer."""
-    found = sg.solve(scene, case.pressure(), solver=solver)
+BEAMS = {"collocation": None, "shooting": Shooting()}
+BY_NEWTON = ("Newton", "Newton from nearby")
+COMPILED = ("finger, tip held", "finger without", "first contact", "without a gap", "Euler")
+"""Fingers whose program by Newton's method and collocation another test of the default selection compiles."""
+WRONG = ("soft and heavy: 80 kPa, 6 N/m", "shooting", "Newton")
+"""From the unloaded finger it gets to one that is curled the other way round (-4.2 rad in place of 1.5) and calls it
+OK: the determinant has the sign that it has without load there, too."""
+
+
+@cache
+def truth(name: str) -> float | None:
+    """The catalogue's value of a case, computed once; None where it has none, or where SciPy's ramp gets no further
+    (then the default's answer stands for it, which test_hard_cases.py holds to it)."""
+    case = next(case for case in (*SHELLS, *FINGERS) if case.name == name)
+    try:
+        return None if case.truth is None else case.truth()
+    except (AssertionError, ArithmeticError):
+        return None
+
+
+def nearby(case: Hard, scene: sg.Scene) -> sg.Solution | None:
+    """A state at a little less pressure, or a little more, by the default solver; None where there is none."""
+    for share in (NEARBY, 1 / NEARBY):
+        found = sg.solve(scene, share * case.pressure())
+        if int(found.status) == OK:
+            return found
+    return None
+
+
+def check(case: Hard, scene: sg.Scene, name: str, rtol: float) -> None:
+    """What is called OK is the catalogue's answer, and where it has none the default's; what is not has no values.
+
+    Newton's method may give up where the catalogue has an answer, with a reason; the others may not.
+    """
+    guess = nearby(case, scene) if "nearby" in name else None
+    found = sg.solve(scene, case.pressure(), solver=getattr(sg.solvers, name.split()[0])(), guess=guess)
     status = sg.Status(int(found.status))
-    assert status in case.status or status is NOT_CONVERGED
-    if status is OK and case.truth is not None:
-        np.testing.assert_allclose(found.observables[case.observable], case.truth(), rtol=case.tolerance)
-    if status is NOT_CONVERGED:
-        assert all(np.all(np.isnan(value)) for value in found.observables.values())
+    if status is NOT_CONVERGED and name in BY_NEWTON:
+        reasons = (sg.Reason.ANOTHER_BRANCH, sg.Reason.RESIDUAL_TOO_LARGE)
+        assert sg.Reason(int(found.reason)) in reasons
+        assert found.reason_text()
+    else:
+        assert status in case.status, found.reason_text()
+    if status is not OK:
+        empty = 0 if status is sg.Status.NO_CONTACT else np.nan
+        for value in found.observables.values():
+            np.testing.assert_array_equal(value, np.broadcast_to(empty, np.shape(value)))
+    elif (value := truth(case.name)) is not None:
+        np.testing.assert_allclose(found.observables[case.observable], value, rtol=rtol)
+    else:  # 16 points leave 6e-6 of where the heaviest finger hangs
+        usual = sg.solve(case.make(), case.pressure())
+        for key, value in usual.observables.items():
+            np.testing.assert_allclose(found.observables[key], value, rtol=1e-5, atol=1e-9)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", SHELLS, ids=str)
-def test_hard_shells_by_newton(case):
-    check(case, case.make(), Newton())
+def hard(cases, methods, solvers):
+    """Every case by every method and solver; fast where the program is compiled in a second, or by another test."""
+    for case in cases:
+        for method in methods:
+            for name in solvers:
+                shared = method == "collocation" and any(words in case.name for words in COMPILED)
+                fast = name == "Newton" and (shared or method == "curve")
+                marks = [] if fast else [pytest.mark.slow]
+                if (case.name, method, name) == WRONG:
+                    marks.append(pytest.mark.xfail(strict=True, reason="another branch has a certificate"))
+                yield pytest.param(case, method, name, id=f"{case}-{method}-{name}", marks=marks)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", FINGERS, ids=str)
-def test_hard_fingers_by_newton(case):
-    check(case, case.make(), Newton())
+@pytest.mark.parametrize(("case", "method", "name"), list(hard(SHELLS, ["curve"], ["ExplicitCurve", *BY_NEWTON])))
+def test_hard_shells(case, method, name):
+    check(case, case.make(), name, case.tolerance)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", FINGERS, ids=str)
-def test_hard_fingers_by_shooting(case):
-    scene = replace(case.make(), beam=Shooting())
-    found = sg.solve(scene, case.pressure())
-    status = sg.Status(int(found.status))
-    assert status in case.status, found.reason_text()
-    if status is OK and case.truth is not None:
-        np.testing.assert_allclose(found.observables[case.observable], case.truth(), rtol=max(case.tolerance, 1e-6))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", FINGERS[:4], ids=str)
-def test_hard_fingers_by_shooting_and_newton(case):
-    check(case, replace(case.make(), beam=Shooting()), Newton())
+@pytest.mark.parametrize(("case", "method", "name"), list(hard(FINGERS, BEAMS, ["ArcLength", *BY_NEWTON])))
+def test_hard_fingers(case, method, name):
+    scene = replace(case.make(), beam=BEAMS[method])
+    check(case, scene, name, case.tolerance if method == "collocation" else max(case.tolerance, 1e-6))
 
 
 # --- what cannot be used ----------------------------------------------------------------------------------------------

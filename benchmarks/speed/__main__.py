@@ -19,13 +19,13 @@ from . import measure
 ROOT = Path(__file__).resolve().parent.parent.parent
 TOGETHER = (
     *("fingers", "fidelity", "peers", "scenes", "shells", "models"),
-    *("energy", "hard", "drives", "start", "elastica"),
+    *("energy", "methods", "hard", "drives", "start", "elastica"),
 )
 """Longest first."""
 ALONE = ("explorer",)
 """Parts with processes of their own, which nothing runs beside."""
 PARTS = (*TOGETHER, *ALONE)
-HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "hard", "drives", "explorer")
+HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "methods", "hard", "drives", "explorer")
 """What says nothing about a GPU."""
 
 

@@ -111,6 +111,28 @@ def _throughput(tables: dict[str, Rows]) -> Figure:
     return figure
 
 
+def _methods(tables: dict[str, Rows]) -> Figure:
+    """Error over time per design of all methods of the beam with all solvers, and of shells; a line for each."""
+    figure = Figure(figsize=(7.2, 4.6), layout="constrained")
+    ax = figure.subplots()
+    rows = tables["methods"]
+    for k, (scene, method) in enumerate(dict.fromkeys((row["scene"], row["method"]) for row in rows)):
+        line = [row for row in rows if (row["scene"], row["method"]) == (scene, method)]
+        points = [row for row in line if _known(row, "error", "seconds")]
+        x, y = [row["seconds"] for row in points], [max(row["error"], 1e-16) for row in points]
+        label = f"{scene}: {method}"
+        ax.plot(x, y, MARKS[k % len(MARKS)] + "-", color=_colour(k), ms=5, lw=0.9, label=label)
+        for row, place in zip(points, zip(x, y, strict=True), strict=True):
+            # One word per setting: the other solver has the same error a little beside.
+            if row["setting"] and method.endswith("ArcLength"):
+                ax.annotate(row["setting"], place, textcoords="offset points", xytext=(9, -2), fontsize=6.5, color=BODY)
+    ax.set(xscale="log", yscale="log", ylim=(5e-17, 1e-1), xlim=(3e-7, 3e-3))
+    ax.set(xlabel="seconds per design, one core, in a batch", ylabel="relative error of the force")
+    ax.grid(True, which="major", lw=0.3, color="0.85")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8)
+    return figure
+
+
 def ordered(rows: Rows) -> Rows:
     """Comparisons of models with what belongs together side by side, in the order in which it first appears."""
     first = list(dict.fromkeys(row["quantity"].split()[0] for row in rows))
@@ -197,6 +219,7 @@ PICTURES = (
     ("drives", _drives, ("drives",)),
     ("work_precision_shells", _shells, ("shells",)),
     ("work_precision_fingers", _fingers, ("fingers",)),
+    ("methods", _methods, ("methods",)),
     ("throughput", _throughput, ("shells", "fingers")),
     ("model_error", _models, ("models",)),
 )
