@@ -12,7 +12,8 @@ from scipy.integrate import quad
 import softgrip_jax as sg
 from softgrip_jax import thesis
 from softgrip_jax.commands import reproduce
-from softgrip_jax.thesis import finger_rows, fingers, rows, shells
+from softgrip_jax.pneunet.drives import with_other_drive
+from softgrip_jax.thesis import cell, cell_rows, finger_rows, fingers, rows, shells
 from softgrip_jax.thesis.rows import Verdict
 from softgrip_jax.units import GRAVITY, gram, kPa, mm
 
@@ -144,12 +145,111 @@ def test_what_is_done_is_told_when_it_is_stopped(found, tmp_path, monkeypatch, c
     assert len((tmp_path / "out" / "reproduction.csv").read_text().splitlines()) == 1 + len(shells.rows(found))
 
 
+@pytest.fixture(scope="module")
+def held_by_cell():
+    """Type A with its tip held, by the cell law: its curve, and a state beyond its end."""
+    return cell.curve(with_other_drive(thesis.blocked_finger("A")))
+
+
+def test_tip_forces_by_the_cell_law_are_those_of_finite_elements(held_by_cell):
+    """A beam with the law of the finite elements at every section, without weight (docs/theory/cell.md)."""
+    for pressure, force in ((5, 0.028), (15, 0.148), (25, 0.340), (31, 0.573)):
+        assert held_by_cell[0].tip_force[cell.place(pressure * kPa)] == pytest.approx(force, rel=0.06)
+
+
+def test_a_curve_by_the_cell_law_ends_where_its_limit_point_is(held_by_cell):
+    curve, end = held_by_cell
+    last = cell.last_pressure(end)
+    assert cell.has_limit_point(end)
+    assert 31 * kPa < last < 32 * kPa
+    assert list(curve.status == sg.Status.OK) == list(last > cell.PRESSURES)
+    np.testing.assert_allclose(curve.pressure, cell.PRESSURES)
+    assert set(curve.reason_text()) == {"solved", end.reason_text()[0]}
+
+
+def test_a_grasp_by_the_cell_law_is_a_held_tip_that_carries_its_load():
+    """Table 6.3: at the pressure of the row the tips of a finger alone, pulled by a third of the weight, press as hard
+    as friction needs."""
+    mass = thesis.MASSES["circular cylinder"]
+    grasp = with_other_drive(thesis.finger_grasp("A", mass, 18 * mm))
+    assert isinstance(grasp, sg.pneunet.Grasp)
+    assert grasp.drive == "cell"
+    pressure = float(sg.pressure_for(grasp).pressure)
+    assert pressure == pytest.approx(11.14 * kPa, rel=2e-3)
+    pull = mass * GRAVITY / 3
+    alone = sg.pneunet.TipContact(
+        thesis.finger("A"),
+        tip_offset=thesis.CYLINDER_OFFSET,
+        tip_pull=pull,
+        weight=thesis.printed.HANGING,
+        drive="cell",
+    )
+    assert sg.solve(alone, pressure).tip_force == pytest.approx(pull / thesis.FRICTION, rel=1e-6)
+
+
+def test_the_cell_law_stands_beside_the_rows(found, capsys):
+    """On the page, in the CSV and in the report; rows of shells have nothing."""
+    printed = thesis.FIGURE_5_6
+    row = rows.number("figure 5.6", "tip force of type A, 31 kPa", printed, 0.128)
+    row = row._replace(cell="0.599 N", ratio="4.67", cell_remark="just below the last pressure")
+    compared = [*shells.rows(found), row]
+    section = reproduce.page(compared, [], "", "Two laws.").partition("## The same fingers by the cell law")[2]
+    section = section.partition("## Pictures")[0]
+    assert section.count("\n| ") == 2
+    assert "| 0.12 N | 0.128 N | 0.599 N | 4.67 | just below the last pressure |" in section
+    assert "Two laws." in section
+    table = list(csv.DictReader(reproduce.table_of(compared).splitlines()))
+    assert [line["cell"] for line in table] == [""] * (len(compared) - 1) + ["0.599 N"]
+    reproduce.report(compared, Console(width=200))
+    assert "by the thesis's chambers" in capsys.readouterr().out
+    assert "cell law" not in reproduce.page(shells.rows(found), [], "")
+
+
+def test_a_dimension_beyond_the_fit_is_said_on_the_page():
+    none: dict[str, list[str]] = {kind: [] for kind in thesis.KINDS}
+    known = cell.ByCell({}, {}, {}, {}, {}, {}, none)
+    assert "All four types" in cell_rows.text(known)
+    beyond = known._replace(outside=none | {"B": ["a = 9 mm (checked: 4.2 to 7.2 mm)"]})
+    assert "type B: a = 9 mm (checked: 4.2 to 7.2 mm)" in cell_rows.text(beyond)
+    assert cell.outside(fingers.nonuniform().finger)
+
+
+def test_a_stop_during_the_cell_law_keeps_the_rows_of_the_thesis(found, tmp_path, monkeypatch, capsys):
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    row = rows.number("figure 5.6", "tip force of type A, 31 kPa", thesis.FIGURE_5_6, 0.128)
+    monkeypatch.setattr(shells, "compute", lambda: found)
+    monkeypatch.setattr(fingers, "compute", lambda tell: None)
+    monkeypatch.setattr(finger_rows, "rows", lambda found: [row])
+    monkeypatch.setattr(cell, "compute", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reproduce.run_reproduce(tmp_path / "out", Console(), as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told[-1]["quantity"] == row.quantity
+    assert told[-1]["cell"] == ""
+    page = (tmp_path / "out" / "reproduction.md").read_text()
+    assert "The run was stopped" in page
+    assert reproduce.CELL_TITLE not in page
+
+
 @pytest.mark.slow
 def test_every_number_of_the_finger_is_accounted_for():
-    compared = finger_rows.rows(fingers.compute())
+    found = fingers.compute()
+    compared = finger_rows.rows(found)
     differing = {row.quantity for row in compared if row.verdict is Verdict.DIFFERS}
     # The search for the chambers' inclination has no start with the printed law at these pressures: see the reason.
     assert differing <= {f"type {kind} in free space is predicted up to" for kind in "BD"}
     by_name = {row.quantity: row for row in compared}
     assert by_name["tip force of type A, 31 kPa"].verdict is Verdict.REPRODUCED
     assert np.isfinite(float(by_name["pressure, hexagonal cylinder of 35 g, type A"].ours.split()[0]))
+    # The cell law: 4 figures and forces, 16 grasps, 6 reaches, 2 of section 5.2.3 and 7 trends.
+    beside = reproduce.beside(cell_rows.beside(compared, found, cell.compute(found)))
+    assert len(beside) == 4 + 16 + 6 + 2 + 7
+    assert all(row.cell_remark for row in beside if row.cell == "-")
+    grasps = [row for row in beside if row.source == "table 6.3"]
+    assert all(0.39 < float(row.ratio) < 0.5 for row in grasps)
+    by_name = {row.quantity: row for row in beside}
+    assert float(by_name["tip force of type A, 31 kPa"].ratio) == pytest.approx(0.599 / 0.1285, rel=0.01)
+    assert "limit point" in by_name["type A, tip held, is predicted up to"].cell_remark
+    assert "holds for A and B" in next(row for row in beside if row.source == "figure 6.21").cell_remark

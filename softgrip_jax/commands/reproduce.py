@@ -35,10 +35,11 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
     Ctrl-C keeps the rows that are done, in the folder and in the report, and is raised again. What was compiled is kept
     by JAX's cache, so that the next run is soon as far.
     """
-    from ..thesis import finger_rows, fingers, pictures, shells
+    from ..thesis import cell, cell_rows, finger_rows, fingers, pictures, shells
 
     rows: list[Row] = []
     drawn: list[tuple[str, str]] = []
+    about_cell = ""
     began, stopped = time.monotonic(), False
     with new_folder(out, "reproduction") as (folder, final):
         (folder / "images").mkdir()
@@ -50,8 +51,11 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
                 tell("fingers and grippers: a few minutes the first time, most of it compilation")
                 found_fingers = fingers.compute(tell)
                 rows += finger_rows.rows(found_fingers)
+                by_cell = cell.compute(found_fingers, tell)
+                rows = cell_rows.beside(rows, found_fingers, by_cell)
+                about_cell = cell_rows.text(by_cell)
                 tell("pictures")
-                for name, caption, figure in pictures.pictures(found_shells, found_fingers):
+                for name, caption, figure in pictures.pictures(found_shells, found_fingers, by_cell):
                     figure.savefig(folder / "images" / f"reproduction_{name}.png")
                     drawn.append((name, caption))
             except KeyboardInterrupt:
@@ -59,7 +63,7 @@ def run_reproduce(out: Path | None, console: Console, as_json: bool = False) -> 
                     raise
                 stopped = True
         note = f"{STOPPED}\n\n" if stopped else ""
-        write_whole(folder / PAGE, page(rows, drawn, note + shells.tilt_text(found_shells)).encode())
+        write_whole(folder / PAGE, page(rows, drawn, note + shells.tilt_text(found_shells), about_cell).encode())
         write_whole(folder / "reproduction.csv", table_of(rows).encode())
     if as_json:
         plain = [row._asdict() | {"verdict": row.verdict.value} for row in rows]
@@ -96,7 +100,30 @@ def report(rows: Sequence[Row], console: Console) -> None:
         if row.reason:
             table.add_row("", Text(row.reason, style="dim"))
     console.print(table)
+    if by_cell := beside(rows):
+        table = Table(title=CELL_TITLE, title_justify="left")
+        for name in CELL_COLUMNS:
+            table.add_column(name, overflow="fold")
+        for row in by_cell:
+            table.add_row(*cells(row))
+            if row.cell_remark:
+                table.add_row("", Text(row.cell_remark, style="dim"))
+        console.print(table)
     console.print(count_text(rows), soft_wrap=True)
+
+
+CELL_TITLE = "The same fingers by the cell law"
+CELL_COLUMNS = ("source", "what", "printed", "by the thesis's chambers", "by the cell law", "ratio")
+
+
+def beside(rows: Sequence[Row]) -> list[Row]:
+    """The rows about which the cell law says something."""
+    return [row for row in rows if row.cell]
+
+
+def cells(row: Row) -> tuple[str, ...]:
+    """A row of the table of the cell law, without its remark."""
+    return row.source, row.quantity, row.printed, row.ours, row.cell, row.ratio
 
 
 def table_of(rows: Sequence[Row]) -> str:
@@ -104,12 +131,12 @@ def table_of(rows: Sequence[Row]) -> str:
     text = io.StringIO()
     writer = csv.writer(text)
     writer.writerow(Row._fields)
-    writer.writerows([*row[:5], row.verdict.value, row.reason] for row in rows)
+    writer.writerows(row._replace(verdict=row.verdict.value) for row in rows)
     return text.getvalue()
 
 
-def page(rows: Sequence[Row], drawn: Sequence[tuple[str, str]], tilt_text: str) -> str:
-    """The comparison as a page of the documentation."""
+def page(rows: Sequence[Row], drawn: Sequence[tuple[str, str]], tilt_text: str, about_cell: str = "") -> str:
+    """The comparison as a page of the documentation; `about_cell` says what the table of the cell law means."""
     lines = [
         "# The thesis, recomputed",
         "",
@@ -125,14 +152,20 @@ def page(rows: Sequence[Row], drawn: Sequence[tuple[str, str]], tilt_text: str) 
         "| source | what | printed | ours | deviation | verdict | reason |",
         "|---|---|---|---|---|---|---|",
     ]
-    lines += [
-        "| " + " | ".join(cell.replace("|", "\\|") for cell in (*row[:5], row.verdict.value, row.reason)) + " |"
-        for row in rows
-    ]
-    lines += ["", tilt_text, "", "## Pictures", ""]
+    lines += [_line(*row[:5], row.verdict.value, row.reason) for row in rows]
+    lines += ["", tilt_text, ""]
+    if by_cell := beside(rows):
+        lines += [f"## {CELL_TITLE}", "", about_cell, "", _line(*CELL_COLUMNS, "remark"), "|---" * 7 + "|"]
+        lines += [*(_line(*cells(row), row.cell_remark) for row in by_cell), ""]
+    lines += ["## Pictures", ""]
     for name, caption in drawn:
         lines += [f"![{caption}](images/reproduction_{name}.png)", "", caption, ""]
     return "\n".join(lines)
+
+
+def _line(*columns: str) -> str:
+    """A line of a table."""
+    return "| " + " | ".join(column.replace("|", "\\|") for column in columns) + " |"
 
 
 MEANINGS = {

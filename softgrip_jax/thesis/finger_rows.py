@@ -133,7 +133,7 @@ def _reach(found: Fingers) -> list[Row]:
         reason = (
             "the equations have equilibria to the end of our list, 71 kPa in steps of ten; the thesis's solver stopped"
         )
-        further = ours > printed.value
+        further = bool(ours > printed.value)
         what = f"type {kind} in free space is predicted up to"
         rows.append(number("section 6.3.1", what, printed, ours, reason, further))
     for kind, printed in thesis.BLOCKED_UP_TO.items():
@@ -150,7 +150,7 @@ def _reach(found: Fingers) -> list[Row]:
                 printed,
                 limit,
                 reason,
-                limit < printed.value,
+                bool(limit < printed.value),
             )
         )
     fe = {"free, B": "51", "free, D": "61", "tip held, A": "30", "tip held, C": "51", "tip held, B and D": "71"}
@@ -172,12 +172,17 @@ def _reach(found: Fingers) -> list[Row]:
     return rows
 
 
-def _statements(found: Fingers) -> list[Row]:
-    """Section 5.2.3."""
+def largest_stretch(found: Fingers) -> float:
+    """Of all states of fingers that exist, free or held."""
     stretched = [
         found.free_shape[kind]["stretch"][np.asarray(found.free[kind].status) == Status.OK] for kind in thesis.KINDS
     ]
-    largest = max(found.blocked_stretch, *(float(s.max()) for s in stretched)) - 1
+    return max(found.blocked_stretch, *(float(s.max()) for s in stretched))
+
+
+def _statements(found: Fingers) -> list[Row]:
+    """Section 5.2.3."""
+    largest = largest_stretch(found) - 1
     moves = []
     for kind in thesis.KINDS:
         with_stretch, without = (np.asarray(s[kind].tip) for s in (found.free, found.unstretched))

@@ -68,6 +68,11 @@ def free(kind: str, length: Any = 77 * mm, section: str = "thesis", **fields: An
     return dataclasses.replace(scene, finger=segmented(scene.finger, **fields))
 
 
+def nonuniform() -> Free:
+    """Chambers ever closer towards the tip, as in figure 6.17; the thesis does not print its own."""
+    return free("A", h_L=jnp.linspace(6.4, 2.0, SEGMENTS) * mm)
+
+
 def compute(tell: Tell = silent) -> Fingers:
     """Every state of the finger that the rows and the pictures need; `tell` hears of every part."""
     parts = 5
@@ -78,8 +83,7 @@ def compute(tell: Tell = silent) -> Fingers:
     for length in thesis.LENGTHS.values():
         states.add(f"C {length / mm:.0f}", [free("C", length)], [PRESSURES[AT_31]])
         states.add(f"D {length / mm:.0f}", [free("D", length)], [PRESSURES[AT_31]])
-    # Chambers ever closer towards the tip, as in figure 6.17; the thesis does not print its own.
-    states.add("nonuniform", [free("A", h_L=jnp.linspace(6.4, 2.0, SEGMENTS) * mm)], [PRESSURES[AT_21]])
+    states.add("nonuniform", [nonuniform()], [PRESSURES[AT_21]])
     shapes = jax.jit(lambda solution: solution.shape(NODES))
     tell("fingers in free space", 0, parts)
     found = states.solve()

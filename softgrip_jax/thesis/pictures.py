@@ -13,12 +13,13 @@ from ..results import Solution, Status
 from ..units import degree, kPa, mm
 from . import printed as thesis
 from . import shells as shell_rows
+from .cell import ByCell
 from .fingers import AT_31, Fingers
 from .rows import member
 from .shells import Shells
 
 
-def pictures(shells: Shells, fingers: Fingers) -> Iterator[tuple[str, str, Any]]:
+def pictures(shells: Shells, fingers: Fingers, by_cell: ByCell) -> Iterator[tuple[str, str, Any]]:
     """(name, caption, figure) of each."""
     yield "figure_5_1", "Figure 5.1: free inflation, 15 kPa.", plots.draw(member(shells.free["figure"], 0))
     yield "figure_5_2", "Figure 5.2: a plane at 5 mm, 15 kPa.", plots.draw(member(shells.flat["figure"], 0))
@@ -40,6 +41,12 @@ def pictures(shells: Shells, fingers: Fingers) -> Iterator[tuple[str, str, Any]]
         "finger_curves",
         "The finger over pressure (figures 6.13, 6.19, 6.21), with the printed value.",
         plots.diagrams(_finger(fingers)),
+    )
+    yield (
+        "finger_cell",
+        "The finger over pressure by the thesis's chambers and by the cell law, types A and B: above free and held "
+        "fingers by both, below the held ones at several tip offsets (figure 6.21) by the cell law alone.",
+        plots.diagrams(_by_cell(fingers, by_cell)),
     )
     yield "table_6_2", "What the rows of table 6.2 need.", plots.diagrams(_tilt(shells))
 
@@ -93,6 +100,26 @@ def _finger(found: Fingers) -> list[Diagram]:
         Diagram("figure 6.19: tip held", p, "tip force (N)", forces, mark),
         Diagram("figure 6.21: type A", p, "tip force (N)", offsets("A")),
         Diagram("figure 6.21: type B", p, "tip force (N)", offsets("B")),
+    ]
+
+
+def _by_cell(found: Fingers, by_cell: ByCell) -> list[Diagram]:
+    p = "pressure (kPa)"
+    mark = _mark(thesis.FIGURE_5_6, 1.0, thesis.FINGER_PRESSURE)
+
+    def both(old: dict[str, Solution], new: dict[str, Solution], suffix: str, name: str, unit: float) -> list[Curve]:
+        pairs = ((kind, words, group) for kind in "AB" for words, group in (("thesis", old), ("cell", new)))
+        return [_curve(f"{kind}, {words}", group[kind + suffix], name, unit) for kind, words, group in pairs]
+
+    def offsets(kind: str) -> list[Curve]:
+        order = sorted(thesis.TIP_OFFSETS)
+        return [_curve(f"{y / mm:.0f} mm", by_cell.held[f"{kind} {y / mm:.0f}"], "tip_force", 1.0) for y in order]
+
+    return [
+        Diagram("tip free", p, "tip angle (deg)", both(found.free, by_cell.free, "", "tip_angle", degree)),
+        Diagram("tip held", p, "tip force (N)", both(found.blocked, by_cell.held, " 0", "tip_force", 1.0), mark),
+        Diagram("tip held, cell law: type A", p, "tip force (N)", offsets("A")),
+        Diagram("tip held, cell law: type B", p, "tip force (N)", offsets("B")),
     ]
 
 

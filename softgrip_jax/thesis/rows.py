@@ -39,6 +39,12 @@ class Row(NamedTuple):
     deviation: str
     verdict: Verdict
     reason: str
+    cell: str = ""
+    """What the cell law gives in place of `ours`; empty for shells and where the law has no part."""
+    ratio: str = ""
+    """The cell law's number over that of the thesis's chambers."""
+    cell_remark: str = ""
+    """Whether a statement holds by the cell law, too, or why there is no state."""
 
 
 def number(source: str, quantity: str, printed: Printed, ours: Any, reason: str = "", explained: bool = False) -> Row:
