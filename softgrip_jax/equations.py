@@ -151,8 +151,9 @@ class PathEquations(eqx.Module):
         """The state at a pressure where it needs no path, in closed form or as scalar roots; None where it does."""
         return None
 
-    def has_one_state(self) -> Bool[Array, ""] | None:
-        """Where True the equations have one solution, whatever the way, which Newton's method finds; None: unknown."""
+    def is_the_only_state(self, unknowns: Vector) -> Bool[Array, ""] | None:
+        """Where True these unknowns, if they solve the equations, are the state that is connected to zero load,
+        whatever the way to it: Newton's method may find it. None where nothing is known of that."""
         return None
 
     def touches_where_positive(self) -> str | None:

@@ -70,6 +70,20 @@ class LoadPath(eqx.Module):
         return 1 - (1 - jnp.minimum(arrived, 1)) ** 2
 
 
+class GentlePath(LoadPath):
+    """A way on which what the pressure does grows with it from the first on: after other loads it begins with zero
+    slope, as y^2 / (y + early), where a straight way would have a kink that no step can pass. Without them early is 0,
+    and the way is straight."""
+
+    def coordinate_of(self, pressure):
+        x = jnp.maximum(pressure - self.begin, 0) / self.step
+        return self.loading + 0.5 * (x + jnp.sqrt(x * (x + 4 * self.early)))
+
+    def pressure_at(self, u, wanted=True):
+        y = jnp.maximum(u[-1] - self.loading, 0)
+        return self.begin + self.step * y * y / jnp.where(y > 0, y + self.early, 1.0)
+
+
 class Ray(LoadPath):
     """A straight way through pressures and parts of the loads; `loading` is where the loads arrive."""
 

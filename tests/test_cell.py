@@ -279,6 +279,34 @@ def test_derivatives_of_the_held_finger_are_those_of_differences():
     assert slope == pytest.approx(float(force(20e3 + 5) - force(20e3 - 5)) / 10, rel=1e-6)
 
 
+SNAPS = {"a": 5.653, "h_x": 0.806, "t_m": 1.485, "H": 4.272, "L": 60.015}
+"""mm: chambers near the clamp of this finger snap one after the other, from 30.7 kPa on, by 0.3 % of the pressure."""
+
+
+def test_limit_points_that_follow_close_on_each_other_are_seen():
+    """No state is OK beyond the largest pressure, and none below it is lost: steps of a fortieth find the same."""
+    snapping = dataclasses.replace(finger("A"), **{name: value * mm for name, value in SNAPS.items()})
+    scene = sg.pneunet.TipContact(snapping, drive="cell", inclination="segment")
+    limit = sg.limit_pressure(scene)
+    fine = sg.solvers.ArcLength(largest_step=0.1, max_steps=4000)
+    assert limit == pytest.approx(float(jax.jit(fine.find_limit)(scene).pressure), rel=1e-9)
+    pressures = np.array([0.9, 0.99, 0.9999, 1.001, 1.002, 1.01, 1.03, 1.04]) * float(limit)
+    statuses = [int(solved(scene, pressure).status) for pressure in pressures]
+    assert statuses == [int(sg.Status.OK)] * 3 + [int(sg.Status.BEYOND_LIMIT)] * 5
+
+
+@pytest.mark.parametrize("offset", [-10, -20])
+def test_loads_that_come_first_are_no_kink_on_the_way(offset):
+    """The same state is reached where offset and pressure grow together."""
+    made = sg.PneuNet.table_5_1("C")
+    first, together = (
+        solved(sg.pneunet.TipContact(made, drive="cell", tip_offset=offset * mm, loading=loading), 21 * kPa)
+        for loading in ("first", "proportional")
+    )
+    assert first.status == together.status == sg.Status.OK
+    assert first.tip_force == pytest.approx(float(together.tip_force), rel=1e-9)
+
+
 def test_a_free_finger_bends_as_one_cell_does():
     scene = sg.pneunet.Free(finger("A"), drive="cell", weight=None)
     found = solved(scene, 15 * kPa)

@@ -9,17 +9,16 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..equations import PathEquations, residual_and_observables
 from ..errors import InputError
 from ..load_path import Goal, LoadPath, Search, begun, onwards, proportional, start_of, to_coordinate, to_moderate
-from ..numerics.batching import lane_pool
 from ..numerics.choice import larger
 from ..numerics.continuation import (
     BIFURCATION,
+    DETOUR,
     ENDED,
     FIRST_STEP,
     FOLD,
@@ -29,6 +28,7 @@ from ..numerics.continuation import (
     TURN,
     End,
     Steps,
+    Trial,
     follow,
 )
 from ..reasons import Reason
@@ -41,9 +41,6 @@ Vector = Float[Array, " n"]
 AT_THE_EDGE = 1e-5
 """A path that ends is at the edge of the model where no more than this part is left of what a part can hold: its last
 steps are SMALLEST_STEP, 1e-7, long."""
-SHRINKING, FREE_STEPS, DIRECT_STEPS, ARRIVED = 0.5, 3, 20, 1e-8
-"""Where Newton's method is used in place of the path its steps halve at least, but for the first ones, which see the
-kink where rims meet; a step below ARRIVED leaves its square, which is rounding."""
 
 
 class ArcLength(BranchSolver):
@@ -60,6 +57,8 @@ class ArcLength(BranchSolver):
             nearly straight.
         turn: cosine of the largest turn of the tangent in one step, dimensionless, between 0 and 1.
         max_steps: NOT_CONVERGED where more are needed.
+        detour: the largest correction of a step over its length, dimensionless, between 0 and 1. Small ones see limit
+            points that follow close on each other, as where one chamber after the other snaps.
 
     Raises:
         InputError: where a number is out of its range.
@@ -77,6 +76,7 @@ class ArcLength(BranchSolver):
     largest_step: float = eqx.field(static=True, default=LARGEST_STEP)
     turn: float = eqx.field(static=True, default=TURN)
     max_steps: int = eqx.field(static=True, default=MAX_STEPS)
+    detour: float = eqx.field(static=True, default=DETOUR)
 
     def __check_init__(self) -> None:
         for name in ("first_step", "largest_step"):
@@ -84,6 +84,8 @@ class ArcLength(BranchSolver):
                 raise InputError(f"ArcLength.{name} is {getattr(self, name)!r}; it must be a positive number.")
         if not 0 < self.turn < 1:
             raise InputError(f"ArcLength.turn is {self.turn!r}; it must be a cosine between 0 and 1.")
+        if not 0 < self.detour < 1:
+            raise InputError(f"ArcLength.detour is {self.detour!r}; it must be a number between 0 and 1.")
         if not (type(self.max_steps) is int and self.max_steps > 0):
             raise InputError(f"ArcLength.max_steps is {self.max_steps!r}; it must be a whole number, 1 or more.")
 
@@ -102,9 +104,14 @@ class ArcLength(BranchSolver):
             wanted = span.coordinate_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = begun(start_of(scene, span), span, reachable)
-            unknowns, is_found = _directly(scene, span.pressure_at(start.at[-1].set(reachable)))
-            start = jnp.where(is_found, jnp.append(unknowns, reachable), start)
-            found, beyond = self.search(scene, start, to_coordinate, reachable, span, is_found), wanted > reachable
+            at_rest = scene.unloaded_state()
+            is_tried, trial = scene.is_the_only_state(at_rest), None
+            if is_tried is not None:
+                trial = Trial(
+                    jnp.append(at_rest, reachable), is_tried, lambda u, args: args[0].is_the_only_state(u[:-1])
+                )
+            found = self.search(scene, start, to_coordinate, reachable, span, trial=trial)
+            beyond = wanted > reachable
         ended = (found.status == Status.OK) & beyond
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
         reason = jnp.where(ended, int(scene.end_reason()), found.reason)
@@ -151,8 +158,10 @@ class ArcLength(BranchSolver):
         context: Any,
         span: LoadPath,
         is_there: Bool[Array, ""] | bool = False,
+        trial: Trial | None = None,
     ) -> Search:
-        """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`."""
+        """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`, and
+        what Newton's method finds from `trial` where that is sure to be it."""
 
         def equations(u, args):
             scene, context, span = args
@@ -161,9 +170,9 @@ class ArcLength(BranchSolver):
             return residual, wanted if passed is None else larger(wanted, passed)
 
         # Where the pressure alone acts the path is nearly straight.
-        by = Steps(self.first_step, self.largest_step, self.turn, self.max_steps)
+        by = Steps(self.first_step, self.largest_step, self.turn, self.max_steps, self.detour)
         first = jnp.where(start[-1] >= span.loading, by.largest, by.first)
-        end = follow(equations, start, (scene.searched(), context, span), first, by, is_there)
+        end = follow(equations, start, (scene.searched(), context, span), first, by, is_there, trial)
         folded = end.reason == FOLD
         # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
         # them the state beyond is not stable.
@@ -201,35 +210,6 @@ def _beyond_the_model(scene: Any, end: End, goal: Goal, context: Any, span: Load
     for why, used in scene.spent(end.u[:-1], span.pressure_at(end.u, end.reason == ENDED)).items():
         reason = jnp.where(behind & (end.reason == ENDED) & (used > -AT_THE_EDGE), int(why), reason)
     return reason
-
-
-def _directly(scene: Any, pressure: Scalar) -> tuple[Vector, Bool[Array, ""] | bool]:
-    """(unknowns, True) by Newton's method from the unloaded state, where that is sure to find the one state that there
-    is; (anything, False) where the path is to be followed. Steps that do not shrink leave the answer to the path."""
-    is_sure = scene.has_one_state()
-    if is_sure is None:
-        return scene.unloaded_state(), False
-    one = jnp.ones_like(pressure)
-
-    def iterate(state, context):
-        scene, pressure, one = context
-        y, size, count, good = state
-
-        def equations(y):
-            return scene.residual_and_observables(y, one, scene.load_of(pressure))[0]
-
-        move = jnp.linalg.solve(jax.jacfwd(equations)(y), equations(y))
-        norm = jnp.linalg.norm(move)
-        shrinks = (norm < SHRINKING * size) | (norm < ARRIVED) | (count < FREE_STEPS)
-        return y - move, norm, count + 1, good & shrinks & jnp.isfinite(norm)
-
-    def busy(state):
-        _, size, count, good = state
-        return good & (size > ARRIVED) & (count < DIRECT_STEPS)
-
-    start = (scene.unloaded_state(), jnp.full_like(pressure, jnp.inf), jnp.asarray(0), is_sure)
-    y, size, _, good = lane_pool(busy, iterate, start, (scene, pressure, one))
-    return y, good & (size <= ARRIVED)
 
 
 def asked_for(pressure: Scalar, found: Found) -> Found:

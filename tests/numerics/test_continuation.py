@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from softgrip_jax.numerics.continuation import (
     BIFURCATION,
@@ -19,6 +20,7 @@ from softgrip_jax.numerics.continuation import (
     MAX_STEPS,
     REACHED,
     Steps,
+    Trial,
     fold_load,
     follow,
     trace,
@@ -134,6 +136,30 @@ def test_what_is_there_already_is_handed_back():
     found = _by_steps(jnp.asarray(CUBIC), 5.0, True)
     assert (int(found.reason), int(found.iterations)) == (REACHED, 0)
     assert found.u.tolist() == [0.0, 0.0]
+
+
+@jax.jit
+def _tried(target, most):
+    """From rest, with a trial from y = 0 at the load itself, believed where |y| is less than `most`."""
+    trial = Trial(jnp.stack([0.0 * target, target]), jnp.asarray(True), lambda u, args: jnp.abs(u[0]) < args[-1])
+
+    def with_most(u, args):
+        return equations(u, args[:-1])
+
+    return follow(with_most, jnp.zeros(2), (jnp.asarray(CUBIC), jnp.inf, target, most), trial=trial)
+
+
+def test_a_trial_is_the_answer_where_it_is_sure_and_else_the_path_is_followed():
+    root = brentq(lambda y: y - y**3 / 3 - 0.3, 0, 1, xtol=1e-15)
+    believed, doubted = _tried(0.3, 1.0), _tried(0.3, 0.1)
+    for found in (believed, doubted):
+        assert found.reason == REACHED
+        assert float(found.u[0]) == pytest.approx(root, rel=1e-14)
+    assert believed.iterations <= 5 < doubted.iterations
+    # At a load beyond the limit point there is a root all the same, -2.6, which is not believed.
+    beyond = _tried(3.0, 1.0)
+    assert beyond.reason == FOLD
+    assert beyond.u.tolist() == pytest.approx([1.0, 2 / 3], rel=1e-7)
 
 
 @pytest.mark.parametrize("target", [0.05, 0.3, 0.6, 0.66, 0.6666, 0.666666, 0.66666666])

@@ -27,7 +27,9 @@ from .limit_load import fold_load as fold_load
 from .loop import MAX_STEPS as MAX_STEPS
 from .loop import End as End
 from .loop import Steps as Steps
+from .loop import Trial as Trial
 from .loop import follow as follow
+from .points import DETOUR as DETOUR
 from .points import TURN as TURN
 from .search import BIFURCATION as BIFURCATION
 from .search import ENDED as ENDED

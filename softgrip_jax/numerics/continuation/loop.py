@@ -13,6 +13,7 @@ from ..batching import lane_pool
 from ..choice import select
 from .newton import (
     FINE,
+    FREE_STEPS,
     GOAL_STEPS,
     NEWTON_STEPS,
     ROUGH,
@@ -24,7 +25,7 @@ from .newton import (
     newton_from,
     newton_step,
 )
-from .points import TURN, arrived
+from .points import DETOUR, TURN, arrived
 from .search import (
     BIFURCATION,
     ENDED,
@@ -33,6 +34,7 @@ from .search import (
     REACHED,
     STEPPING,
     TO_GOAL,
+    TRYING,
     Search,
     after_fold_trial,
     after_goal_trial,
@@ -59,6 +61,18 @@ class Steps(NamedTuple):
     largest: float = LARGEST_STEP
     turn: float = TURN
     most: int = MAX_STEPS
+    detour: float = DETOUR
+
+
+class Trial(NamedTuple):
+    """A point from which Newton's method goes at once to what is looked for, the one solution at that point's load; the
+    path is followed where it does not arrive there, or at what is not sure to be it."""
+
+    at: Vector
+    here: Bool[Array, ""]
+    """Whether to try."""
+    is_it: Callable[[Vector, Any], Bool[Array, ""]]
+    """(where Newton's method has arrived, args) -> whether it is the one solution."""
 
 
 class End(NamedTuple):
@@ -78,11 +92,12 @@ def follow(
     first: Scalar | float = FIRST_STEP,
     steps: Steps | None = None,
     is_there: Bool[Array, ""] | bool = False,
+    trial: Trial | None = None,
 ) -> End:
     """Follow the path from u towards growing load until the goal rises through zero, the load turns, or the path ends.
 
     equations: must take every traced value through u and args. first: the arc length to try first. steps: of all the
-    others. is_there: True where u is the goal itself, and nothing is to be done.
+    others. is_there: True where u is the goal itself, and nothing is to be done. trial: what is tried first.
     """
     by = steps or Steps()
     traced = jax.jit(equations)  # once for all that follows
@@ -90,29 +105,34 @@ def follow(
     def iterate(search: Search, context) -> Search:
         args, *start = context
         stepping, to_goal = search.mode == STEPPING, search.mode == TO_GOAL
+        trying = False if trial is None else search.mode == TRYING
         newton, local = newton_step(
             lambda u: traced(u, args), search.before.tangent, search.guess, to_goal, search.newton
         )
         first = search.count == 0
         within = to_goal & ~directly(search)
         new, rise, trusted, left, crossed = arrived(
-            newton, local, search.before, search.guess, within, first, search.polishing, by.turn
+            newton, local, search.before, search.guess, within, first, search.polishing, by.turn, by.detour
         )
         roughly = stepping & ~search.polishing & ~search.careful & (jnp.abs(new.tangent[-1]) > STEEP)
         accuracy = Accuracy(*(jnp.where(roughly, a, b) for a, b in zip(ROUGH, FINE, strict=True)))
         newton = newton._replace(last=jnp.where(left <= accuracy.left, 0.0, newton.last))
         converged = has_converged(newton, accuracy)
         good = trusted & converged
-        limit = jnp.where(within, GOAL_STEPS, NEWTON_STEPS)
-        going = goes_on(newton, limit, accuracy)
+        limit = jnp.where(within | trying, GOAL_STEPS, NEWTON_STEPS)
+        going = goes_on(newton, limit, accuracy, jnp.where(trying, FREE_STEPS, 0))
         case, chosen = first_of(
             (going, search),
+            *([] if trial is None else [(trying, search._replace(before=new, mode=jnp.asarray(REACHED)))]),
             *after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
             *after_goal_trial(search, new, good),
             *after_fold_trial(search, new, good),
         )
         again = (chosen.mode >= BIFURCATION) & ~search.careful
-        chosen = select(again, beginning(*start, careful=True), chosen)
+        careful = True
+        if trial is not None:
+            again, careful = again | (trying & ~going & ~(converged & trial.is_it(newton.u, args))), ~trying
+        chosen = select(again, beginning(*start, careful=careful), chosen)
         going = case == 0
         # The second try, too, begins where the path does, and not a step ahead on whatever branch is there.
         guess = jnp.where(going | again, chosen.guess, guess_of(chosen))
@@ -127,6 +147,9 @@ def follow(
         return (search.mode < REACHED) & (search.count < by.most)
 
     begin = beginning(u, first)
+    if trial is not None:
+        tried = begin._replace(mode=jnp.asarray(TRYING), guess=trial.at, newton=newton_from(trial.at))
+        begin = select(trial.here, tried, begin)
     begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
     end = lane_pool(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)

@@ -21,6 +21,8 @@ CONTRACTION = 0.7
 Newton iteration that wanders may settle on another branch. The start of the search is then taken closer."""
 GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
+FREE_STEPS = 3
+"""Far from the path the first moves need not contract: they see a kink where rims meet."""
 SETTLED = 1e-8
 """Moves below this need not contract: they are near rounding."""
 LEAST_BEND = 1e-2
@@ -106,9 +108,13 @@ def next_move(newton: Newton) -> Scalar:
     return newton.last * jnp.maximum(jnp.minimum(ratio, 1.0) ** 2, LEAST_BEND * newton.last)
 
 
-def goes_on(newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy) -> Bool[Array, ""]:
-    """Whether a Newton iteration has more to do; it is given up where its moves do not contract."""
+def goes_on(
+    newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy, free: Int[Array, ""] | int = 0
+) -> Bool[Array, ""]:
+    """Whether a Newton iteration has more to do; it is given up where its moves, after a few that are `free`, do not
+    contract."""
     contracts = newton.last <= jnp.maximum(CONTRACTION * newton.before_last, SETTLED)
+    contracts |= newton.count <= free
     # Written so that a NaN, from two moves of zero or from none at all, ends the loop.
     more = ~(next_move(newton) <= accuracy.move) & (newton.last > accuracy.move)
     return more & (newton.count < limit) & contracts & jnp.all(jnp.isfinite(newton.u))

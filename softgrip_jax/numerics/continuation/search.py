@@ -25,7 +25,7 @@ LEVEL = 1e-6
 FLAT = 1e-8
 """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
-STEPPING, TO_FOLD, TO_GOAL, REACHED, FOLD, BIFURCATION, ENDED = range(7)
+STEPPING, TO_FOLD, TO_GOAL, TRYING, REACHED, FOLD, BIFURCATION, ENDED = range(8)
 
 
 class Search(NamedTuple):
@@ -66,7 +66,7 @@ class Search(NamedTuple):
     """Whether this is the second try, with every point known well."""
 
 
-def beginning(u: Vector, length: Scalar | float, careful: bool = False) -> Search:
+def beginning(u: Vector, length: Scalar | float, careful: Bool[Array, ""] | bool = False) -> Search:
     """The first "step" has length zero: it finds the tangent at u."""
     zero, count = jnp.zeros((), u.dtype), jnp.asarray(0)
     start = Point(u, jnp.zeros_like(u).at[-1].set(1.0), zero, zero)

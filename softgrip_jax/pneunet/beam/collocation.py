@@ -91,17 +91,11 @@ def forces(cover: Cover, s: Array) -> tuple[Array, Array]:
     return loads.p_tip + loads.g_x * rest, loads.q_tip + loads.g_y * rest
 
 
-@partial(differentiated_once, apart=True)
-def _section(law: SectionLaw, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
-    """(m, lambda) of the section."""
-    return law.bent(z, n)
-
-
 def _at_a_point(cover: Cover, s: Scalar, curvature: Scalar, theta: Scalar) -> tuple[Scalar, ...]:
     """(M on the section, stretch, dx/ds, dy/ds, dM_ext/ds)."""
     p, q = forces(cover, s)
     cosine, sine = cos_and_sin(theta)
-    moment, stretch = _section(cover.law, cover.slenderness * curvature, p * cosine + q * sine)
+    moment, stretch = cover.law.bent_once(cover.slenderness * curvature, p * cosine + q * sine)
     dx, dy = stretch * cosine, stretch * sine
     return moment, stretch, dx, dy, (p * dy - q * dx) / cover.slenderness
 

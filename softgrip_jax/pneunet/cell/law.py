@@ -12,7 +12,7 @@ of neo-Hookean material. Other strain energies enter by their shear modulus at r
 
 from __future__ import annotations
 
-import functools
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
+from ...numerics.xla import differentiated_once
 from ..finger import PneuNet
 from ..section.base import SectionLaw
 from . import form
@@ -37,7 +38,7 @@ CHECKED = {n: (float(v), float(w)) for n, v, w in zip(form.SIZES, 20 * form.LOW,
 """Dimensions that the law was fitted to, mm for a cover of the width B = 20 mm; others scale with B."""
 
 
-@functools.cache
+@cache
 def numbers() -> np.ndarray:
     """C of `form`."""
     with np.load(NUMBERS) as data:
@@ -51,9 +52,18 @@ class Cell(NamedTuple):
 
     def state(self, k: Scalar, nu: Scalar) -> dict[str, Array]:
         """moment, stretch, force, lever and compliance at the curvature k = kappa B under nu = N / (mu B^2)."""
-        v = form.at_curvature(self.loaded, k)
+        v = _at_curvature(self.loaded, k)
         moment = v["moment"] - nu * (v["stretch_slope"] + 0.5 * nu * v["compliance_slope"])
         return v | {"moment": moment, "stretch": 1 + v["stretch"] + nu * v["compliance"]}
+
+    def straight_moment(self) -> Scalar:
+        """The moment of a straight cell without axial force, over mu B^3."""
+        return form.moment(self.loaded, form.functions(self.loaded, jnp.zeros_like(self.loaded.pressure)))
+
+
+@partial(differentiated_once, apart=True)
+def _at_curvature(loaded: form.Loaded, k: Scalar) -> dict[str, Array]:
+    return form.at_curvature(loaded, k)
 
 
 def sizes(finger: PneuNet) -> Array:
@@ -83,9 +93,17 @@ class CellSection(SectionLaw):
 
     def loads(self, z, stretch):
         h = self.slenderness
-        free = form.at_curvature(self.cell.loaded, -z / h)
+        free = _at_curvature(self.cell.loaded, -z / h)
         n = (stretch - 1 - free["stretch"]) / free["compliance"] / h
         return self.bent(z, n)[0], n
+
+    def bent_once(self, z, n):
+        """As `bent`: what takes long is the cell without axial force, and that is differentiated once."""
+        return self.bent(z, n)
+
+    def straight_moment(self) -> Scalar:
+        """m of a straight segment without axial force."""
+        return -self.cell.straight_moment() / self.slenderness**2
 
     def stretches(self, z, n):
         stretch = self.bent(z, n)[1]

@@ -10,6 +10,7 @@ Where a law has no state for a load, both values are NaN: never a state of anoth
 from __future__ import annotations
 
 import abc
+from functools import partial
 from typing import ClassVar
 
 import equinox as eqx
@@ -21,6 +22,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
+from ...numerics.xla import differentiated_once
 
 Scalar = Float[Array, ""]
 
@@ -75,6 +77,10 @@ class SectionLaw(eqx.Module):
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
         return self.loads(z, stretch)[0], stretch
 
+    def bent_once(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+        """`bent`, with its derivatives taken once for all directions of a Jacobian."""
+        return _bent_once(self, z, n)
+
     def rates(self, m: Scalar, z: Scalar, stretch: Scalar, dm: Scalar, dn: Scalar) -> tuple[Scalar, Scalar]:
         """(dz, dlambda) of the state (z, lambda) under small changes dm and dn of its loads; m is its moment.
 
@@ -85,3 +91,8 @@ class SectionLaw(eqx.Module):
         m_l, n_l = jax.jvp(self.loads, (z, stretch), (none, one))[1]
         scale = 1 / (m_z * n_l - m_l * n_z)
         return (n_l * dm - m_l * dn) * scale, (m_z * dn - n_z * dm) * scale
+
+
+@partial(differentiated_once, apart=True)
+def _bent_once(law: SectionLaw, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
+    return law.bent(z, n)
