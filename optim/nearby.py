@@ -31,6 +31,12 @@ def can_begin_nearby(scene: Scene) -> bool:
     return isinstance(scene, PathEquations)
 
 
+def snaps(scene: Any) -> bool:
+    """Whether limit points follow so close on each other that the sign of det(dr/dy) says nothing: two of them between
+    a state and the one nearby leave it as it was."""
+    return isinstance(scene, PathEquations) and scene.has_close_limits()
+
+
 def is_sought(at: State | Array) -> bool:
     """Whether the pressure of a state is unknown: it is asked for by what it does."""
     return isinstance(at, tuple | str)

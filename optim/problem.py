@@ -31,7 +31,17 @@ from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY
 
 from .laws import differing_laws, require_one_law
-from .nearby import PRESSURE, can_begin_nearby, is_covered, is_sought, known_state, limit_nearby, limit_of, state_at
+from .nearby import (
+    PRESSURE,
+    can_begin_nearby,
+    is_covered,
+    is_sought,
+    known_state,
+    limit_nearby,
+    limit_of,
+    snaps,
+    state_at,
+)
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
 
@@ -340,6 +350,11 @@ class Problem:
     def followed(self) -> list[tuple[str, State]]:
         """The states that a design nearby gives a good guess of."""
         return [(name, at) for name, at in self.solved_states if can_begin_nearby(self.space.scenes[name])]
+
+    @cached_property
+    def doubted(self) -> list[tuple[str, State]]:
+        """The `followed` states that may lie beyond limit points though a design nearby led to them."""
+        return [(name, at) for name, at in self.followed if snaps(self.space.scenes[name])]
 
     def solve(self, t: Float[Array, " n"]) -> Measured:
         """`measure` along the whole way from zero load, without derivatives and without the limits that only a design

@@ -156,6 +156,10 @@ class PathEquations(eqx.Module):
         whatever the way to it: Newton's method may find it. None where nothing is known of that."""
         return None
 
+    def has_close_limits(self) -> bool:
+        """Whether limit points may follow so close on each other that states beyond them look like states before."""
+        return False
+
     def touches_where_positive(self) -> str | None:
         """The observable that rises through zero where contact begins; None where that is where the pressure acts."""
         return None

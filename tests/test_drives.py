@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import softgrip_jax as sg
 from optim.calibration.drives import Rival
 from optim.design import settings
+from optim.design.descent import Evaluator
 from optim.drives import BELOW_LIMIT, SUFFIX, by_both_drives, by_other_drive
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
@@ -167,6 +168,22 @@ def test_both_drives_in_a_config(config, forces):
     name = next(label for label in values if label.endswith("tip_force at 15 kPa") and SUFFIX in label)
     np.testing.assert_allclose(values[name], forces["cell"], rtol=1e-9)
     assert float(at.shortfall) == 0
+
+
+def test_a_search_takes_no_state_beyond_a_limit_point_for_an_answer():
+    """Chambers of this finger snap one by one; from a thicker one Newton's method leads over the first snaps."""
+    snapping = sizes() | {"a": 5.653 * mm, "h_x": 0.806 * mm, "t_m": 1.485 * mm, "L": 60.015 * mm, "H": 4.6 * mm}
+    finger = sg.PneuNet(**snapping, material=sg.NeoHookean(mu=136 * kPa))
+    scene = sg.pneunet.TipContact(finger, drive="cell", inclination="segment")
+    space = Space({"held": scene}, [Variable("finger.H", 4.0 * mm, 4.8 * mm)])
+    problem = Problem(space, [Goal("maximise", Quantity("tip_force", 31.5 * kPa, "held"))])
+    assert problem.doubted == [("held", 31.5 * kPa)]
+    evaluate = Evaluator(problem, 2)
+    for H in (4.6, 4.55, 4.5, 4.45, 4.4, 4.35, 4.3, 4.272):
+        t = space.to_unit(np.array([H * mm]))
+        exists = sg.solve(space.scenes_at(jnp.array([H * mm]))["held"], 31.5 * kPa).status == sg.Status.OK
+        assert exists == (H > 4.45)  # sg.limit_pressure is 31.71 kPa at 4.5 mm and 31.26 at 4.4
+        assert (evaluate(t[None]).shortfall[0] == 0) == exists
 
 
 def test_shells_have_no_two_drives():

@@ -332,16 +332,31 @@ class Evaluator:
         for _ in range(ROUNDS):
             measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
             fresh = evaluated(measured, t.shape[1], slopes)
+            beyond = self._beyond(t[left], fresh)
             found = fresh if found is None else found
             found = jax.tree.map(partial(_replaced, left), found, fresh)
             good = fresh.shortfall == 0
             self._remember(t[left], known, ~self._missing(fresh.values, self.problem.followed))
-            on = ~good & np.all([np.all(np.isfinite(place.u), axis=1) for place in known], axis=0)
+            on = ~good & ~beyond & np.all([np.all(np.isfinite(place.u), axis=1) for place in known], axis=0)
             on &= True if doubtful is None else ~doubtful[left]
             known, left = jax.tree.map(lambda v, on=on: v[on], known), left[on]
             if not len(left):
                 break
         return found, np.flatnonzero(found.shortfall > 0)
+
+    def _beyond(self, t: np.ndarray, fresh: Evaluated) -> np.ndarray:
+        """Which of the rows that have an answer have none along the whole way from zero load: `Problem.doubted` states
+        that lie beyond limit points are taken out of `fresh`."""
+        beyond = np.zeros(len(t), bool)
+        (rows,) = np.nonzero(fresh.shortfall == 0)
+        if len(rows) and self.problem.doubted:
+            along = np.asarray(self._solve(t[rows]).values)
+            for state in self.problem.doubted:
+                columns = self.problem.columns_of(state)
+                lost = rows[np.any(np.isnan(along[:, columns]), axis=1)]
+                fresh.values[np.ix_(lost, columns)] = np.nan
+                fresh.shortfall[lost], beyond[lost] = 1.0, True
+        return beyond
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
         """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""

@@ -294,10 +294,12 @@ class FingerScene(PathEquations, Scene):
         """EI / L^2, N: the scale of the force at a held tip."""
         return self.stiffness() / self.finger.L**2
 
+    def has_close_limits(self):
+        """By the cell law a held tip bends the chambers near the clamp backwards, until they snap, one by one."""
+        return self.is_cell() and self.tip() is not None
+
     def solver(self):
-        """By the cell law a held tip bends the chambers near the clamp backwards, until they snap one after the other:
-        limit points that follow close on each other."""
-        return ArcLength(detour=SNAPPING) if self.is_cell() and self.tip() is not None else ArcLength()
+        return ArcLength(detour=SNAPPING) if self.has_close_limits() else ArcLength()
 
     def grows_together(self):
         return self.loading == "proportional"
