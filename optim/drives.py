@@ -58,11 +58,9 @@ class Beside(NamedTuple):
 
     def compared(self, quantity: Quantity) -> tuple[Quantity, str, np.ndarray] | None:
         """A quantity at a pressure at which all designs have a state by the other drive, that drive, and its values."""
-        name, of_all = (
-            (quantity.scene, quantity.observable),
-            zip(self.quantities, self.drives, self.values.T, strict=True),
-        )
-        return next(((q, d, v) for q, d, v in reversed([*of_all]) if (q.scene, q.observable) == name), None)
+        known = zip(self.quantities, self.drives, self.values.T, strict=True)
+        same = [it for it in known if (it[0].scene, it[0].observable) == (quantity.scene, quantity.observable)]
+        return same[-1] if same else None  # those at lower pressures come last
 
 
 def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
