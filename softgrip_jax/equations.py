@@ -151,9 +151,9 @@ class PathEquations(eqx.Module):
         """The state at a pressure where it needs no path, in closed form or as scalar roots; None where it does."""
         return None
 
-    def is_the_only_state(self, unknowns: Vector) -> Bool[Array, ""] | None:
-        """Where True these unknowns, if they solve the equations, are the state that is connected to zero load,
-        whatever the way to it: Newton's method may find it. None where nothing is known of that."""
+    def is_the_only_state(self, unknowns: Vector, pressure: Scalar) -> Bool[Array, ""] | None:
+        """Where True these unknowns, if they solve the equations at the pressure, are the state that is connected to
+        zero load, whatever the way to it: Newton's method may find it. None where nothing is known of that."""
         return None
 
     def has_close_limits(self) -> bool:

@@ -22,6 +22,8 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.errors import CellRangeWarning, InputError
+from softgrip_jax.load_path import begun, start_of, to_coordinate
+from softgrip_jax.numerics.continuation import Trial
 from softgrip_jax.pneunet.cell import form, law, solid
 from softgrip_jax.units import kPa, mm
 
@@ -297,6 +299,56 @@ def test_limit_points_that_follow_close_on_each_other_are_seen(sizes):
     pressures = np.array([0.9, 0.99, 0.9999, 1.001, 1.002, 1.01, 1.03, 1.04]) * float(limit)
     statuses = [int(solved(scene, pressure).status) for pressure in pressures]
     assert statuses == [int(sg.Status.OK)] * 3 + [int(sg.Status.BEYOND_LIMIT)] * 5
+
+
+def way_to(scene, pressure):
+    """Where the path begins, and how it goes to the pressure."""
+    span = scene.pressure_span()
+    place = span.coordinate_of(jnp.asarray(pressure))
+    return begun(start_of(scene, span), span, place), to_coordinate, place, span
+
+
+def by_newtons_method(scene, pressure):
+    """(unknowns, whether the scene is sure of them), from rest at the pressure itself."""
+    way = way_to(scene, pressure)
+    at, anything = jnp.append(scene.unloaded_state(), way[2]), lambda u, args: jnp.asarray(True)
+    found = scene.solver().search(scene, *way, trial=Trial(at, jnp.asarray(True), anything))
+    assert found.status == sg.Status.OK
+    return found.u[:-1], bool(scene.is_the_only_state(found.u[:-1], jnp.asarray(pressure)))
+
+
+LOST = [
+    ({"a": 5.825, "b": 7.019, "t_m": 0.86, "h_x": 0.605, "h_L": 4.019, "H": 4.837, "L": 41.148}, 22.733, False),
+    ({"a": 5.855, "b": 8.993, "t_m": 1.292, "h_x": 0.619, "h_L": 4.594, "H": 5.709, "L": 46.469}, 24.357, True),
+]
+"""mm, kPa, whether that is beyond the limit: Newton's method from rest leads to states of these fingers in which a
+chamber has snapped."""
+
+
+@pytest.mark.parametrize(("sizes", "pressure", "beyond"), LOST)
+def test_newtons_method_is_believed_where_no_chamber_has_snapped_and_nowhere_else(sizes, pressure, beyond):
+    made = dataclasses.replace(finger("A"), **{name: value * mm for name, value in sizes.items()})
+    scene = sg.pneunet.TipContact(made, drive="cell").prepared()
+    for part in (0.3, 0.6):
+        unknowns, sure = by_newtons_method(scene, part * pressure * kPa)
+        assert sure
+        followed = scene.solver().search(scene, *way_to(scene, part * pressure * kPa))
+        np.testing.assert_allclose(unknowns, followed.u[:-1], atol=1e-9)
+    unknowns, sure = by_newtons_method(scene, pressure * kPa)
+    assert not sure
+    state = solved(scene, pressure * kPa)
+    if beyond:
+        assert state.status == sg.Status.BEYOND_LIMIT
+    else:
+        assert state.status == sg.Status.OK
+        assert np.abs(unknowns - state.unknowns).max() > 1e-3
+
+
+def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
+    section = law.cell_section(finger("A"), jnp.asarray(26 * kPa))
+    places, force = jnp.linspace(-0.3, 0.2, 5001), jnp.asarray(-0.02)
+    slopes = jax.vmap(jax.grad(lambda z: section.bent(z, force)[0]))(0.5 * (places[1:] + places[:-1]))
+    np.testing.assert_allclose(section.stiffnesses(places, force + 0 * places), slopes, rtol=1e-4)
 
 
 @pytest.mark.parametrize("offset", [-10, -20])

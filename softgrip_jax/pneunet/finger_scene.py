@@ -28,7 +28,7 @@ from ..reasons import Reason
 from ..results import Solution, Status
 from ..scene import RESIDUAL_EPS, ROUNDING_EPS, Found, Scene
 from ..solvers.arc_length import ArcLength
-from .beam.collocation import Cover, Line, Loads, Part, at_place, bend, corrected, states_of
+from .beam.collocation import Cover, Line, Loads, Part, at_place, bend, corrected, pushed_over_stiffness, states_of
 from .beam.method import POINTS, BeamMethod, Collocation, Shooting
 from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
 from .cell.law import LARGEST_PRESSURE, cell_section, outside
@@ -88,9 +88,11 @@ SPREADS = ("root", "none")
 SNAPPING = 0.005
 """Of 256 held fingers by the cell law it leaves one whose first limit point is missed; 0.25 leaves 35, which are up to
 15 % too high, and takes three fifths of the time."""
+SURELY_HELD = 15.0
+"""Pushes, over the least stiffness over L^2, that buckle no beam whose tip is held: 20.2 buckles a column."""
 LIGHT = 7.0
-"""Forces, over EI / L^2, that buckle no finger: a third of what buckles a column with its tip held. Limit points of
-8,192 held fingers by the cell law, half of them with weight and offset, lie at 7.7 and more in all."""
+"""Forces, over EI / L^2, that buckle no finger, a free one under its weight among them (7.8). Limit points of 8,192
+held fingers by the cell law, half of them with weight and offset, lie at 7.7 and more in all."""
 
 
 def opening(inclinations: Array) -> Array:
@@ -483,13 +485,19 @@ class FingerScene(PathEquations, Scene):
         """The finger with one part's dimensions."""
         return dataclasses.replace(self.finger, **chamber.fields)
 
-    def is_the_only_state(self, unknowns):
-        """With the cell law and under light forces, that of a held tip among them: a cell's moment rises with its
-        curvature, so there is one state as long as no force buckles the finger."""
+    def is_the_only_state(self, unknowns, pressure):
+        """With the cell law and where no force buckles the finger: a cell's moment rises with its curvature there, so
+        there is one state."""
         if not self.is_cell():
             return None
         held = self.held(unknowns)
-        return _tension(self) + (0.0 if held is None else jnp.abs(held)) < LIGHT
+        if held is None:
+            return _tension(self) < LIGHT
+        parts, points = self.chambers()
+        if len(parts.low) > 1:
+            return _tension(self) + jnp.abs(held) < LIGHT
+        cover, line = self.line(self.curvatures(unknowns), held, jnp.ones_like(pressure), pressure)
+        return pushed_over_stiffness(cover, line, parts, points) < SURELY_HELD
 
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""

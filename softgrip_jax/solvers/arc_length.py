@@ -105,10 +105,12 @@ class ArcLength(BranchSolver):
             reachable = jnp.minimum(wanted, span.last())
             start = begun(start_of(scene, span), span, reachable)
             at_rest = scene.unloaded_state()
-            is_tried, trial = scene.is_the_only_state(at_rest), None
+            is_tried, trial = scene.is_the_only_state(at_rest, jnp.zeros_like(pressure)), None
             if is_tried is not None:
                 trial = Trial(
-                    jnp.append(at_rest, reachable), is_tried, lambda u, args: args[0].is_the_only_state(u[:-1])
+                    jnp.append(at_rest, reachable),
+                    is_tried,
+                    lambda u, args: args[0].is_the_only_state(u[:-1], args[2].pressure_at(u)),
                 )
             found = self.search(scene, start, to_coordinate, reachable, span, trial=trial)
             beyond = wanted > reachable

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Bool, Int
 
 from ..batching import lane_pool
@@ -34,6 +35,7 @@ from .search import (
     REACHED,
     STEPPING,
     TO_GOAL,
+    TRIED,
     TRYING,
     Search,
     after_fold_trial,
@@ -123,7 +125,7 @@ def follow(
         going = goes_on(newton, limit, accuracy, jnp.where(trying, FREE_STEPS, 0))
         case, chosen = first_of(
             (going, search),
-            *([] if trial is None else [(trying, search._replace(before=new, mode=jnp.asarray(REACHED)))]),
+            *([] if trial is None else [(trying, search._replace(before=new, mode=jnp.asarray(TRIED)))]),
             *after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
             *after_goal_trial(search, new, good),
             *after_fold_trial(search, new, good),
@@ -131,7 +133,7 @@ def follow(
         again = (chosen.mode >= BIFURCATION) & ~search.careful
         careful = True
         if trial is not None:
-            again, careful = again | (trying & ~going & ~(converged & trial.is_it(newton.u, args))), ~trying
+            again, careful = again | (trying & ~going & ~converged), ~trying
         chosen = select(again, beginning(*start, careful=careful), chosen)
         going = case == 0
         # The second try, too, begins where the path does, and not a step ahead on whatever branch is there.
@@ -144,12 +146,23 @@ def follow(
         )
 
     def busy(search: Search) -> Bool[Array, ""]:
-        return (search.mode < REACHED) & (search.count < by.most)
+        return (search.mode < TRIED) & (search.count < by.most)
 
     begin = beginning(u, first)
     if trial is not None:
         tried = begin._replace(mode=jnp.asarray(TRYING), guess=trial.at, newton=newton_from(trial.at))
         begin = select(trial.here, tried, begin)
     begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
-    end = lane_pool(busy, iterate, begin, (args, u, jnp.asarray(first, u.dtype)))
+    context = (args, u, jnp.asarray(first, u.dtype))
+
+    def search_on(search: Search) -> Search:
+        """What a trial has found is looked at once, outside the loop of the iterations."""
+        search = lane_pool(busy, iterate, search, context)
+        found = search._replace(mode=jnp.asarray(REACHED))
+        found = select(
+            trial.is_it(search.before.u, args), found, beginning(u, first)._replace(iterations=search.iterations)
+        )
+        return select(search.mode == TRIED, found, search)
+
+    end = lane_pool(busy, iterate, begin, context) if trial is None else lax.while_loop(busy, search_on, begin)
     return End(end.before.u, jnp.where(end.mode < REACHED, ENDED, end.mode), end.iterations)

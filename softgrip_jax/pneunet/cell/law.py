@@ -16,6 +16,7 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -100,6 +101,18 @@ class CellSection(SectionLaw):
     def bent_once(self, z, n):
         """As `bent`: what takes long is the cell without axial force, and that is differentiated once."""
         return self.bent(z, n)
+
+    def stiffnesses(self, z: Array, n: Array) -> Array:
+        """What m rises by over z from each place to the next, under the n between them."""
+        h = self.slenderness
+        free = jax.vmap(_at_curvature, (None, 0))(self.cell.loaded, -z / h)
+        nu = 0.5 * h * (n[1:] + n[:-1])
+
+        def moment(here):
+            return free["moment"][here] - nu * (free["stretch_slope"][here] + 0.5 * nu * free["compliance_slope"][here])
+
+        rise, step = (moment(np.s_[:-1]) - moment(np.s_[1:])) / h**2, z[1:] - z[:-1]
+        return jnp.where(step == 0, jnp.inf, rise / jnp.where(step == 0, 1.0, step))
 
     def straight_moment(self) -> Scalar:
         """m of a straight segment without axial force."""
