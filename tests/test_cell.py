@@ -344,6 +344,26 @@ def test_newtons_method_is_believed_where_no_chamber_has_snapped_and_nowhere_els
         assert np.abs(unknowns - state.unknowns).max() > 1e-3
 
 
+LOOPS = [
+    (
+        {"a": 6.932, "b": 7.028, "t_m": 0.882, "h_x": 0.588, "h_L": 3.858, "H": 5.843, "L": 85.848},
+        8.37,
+        -181.858,
+        10.538,
+    ),
+    ({"a": 6.68, "b": 8.537, "t_m": 1.366, "h_x": 0.923, "h_L": 3.9, "H": 4.452, "L": 64.959}, 0.671, -278.18, 9.536),
+]
+"""mm, offset (mm), pull (mN), kPa: Newton's method from rest leads to loops of these fingers, whose tips are pushed."""
+
+
+@pytest.mark.parametrize(("sizes", "offset", "pull", "pressure"), LOOPS)
+def test_loops_under_heavy_loads_are_not_the_state(sizes, offset, pull, pressure):
+    made = dataclasses.replace(finger("A"), **{name: value * mm for name, value in sizes.items()})
+    scene = sg.pneunet.TipContact(made, drive="cell", tip_offset=offset * mm, tip_pull=1e-3 * pull).prepared()
+    assert not by_newtons_method(scene, pressure * kPa)[1]
+    assert solved(scene, pressure * kPa).status in (sg.Status.BEYOND_LIMIT, sg.Status.IMPOSSIBLE)
+
+
 def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
     section = law.cell_section(finger("A"), jnp.asarray(26 * kPa))
     places, force = jnp.linspace(-0.3, 0.2, 5001), jnp.asarray(-0.02)
