@@ -344,24 +344,13 @@ def test_newtons_method_is_believed_where_no_chamber_has_snapped_and_nowhere_els
         assert np.abs(unknowns - state.unknowns).max() > 1e-3
 
 
-LOOPS = [
-    (
-        {"a": 6.932, "b": 7.028, "t_m": 0.882, "h_x": 0.588, "h_L": 3.858, "H": 5.843, "L": 85.848},
-        8.37,
-        -181.858,
-        10.538,
-    ),
-    ({"a": 6.68, "b": 8.537, "t_m": 1.366, "h_x": 0.923, "h_L": 3.9, "H": 4.452, "L": 64.959}, 0.671, -278.18, 9.536),
-]
-"""mm, offset (mm), pull (mN), kPa: Newton's method from rest leads to loops of these fingers, whose tips are pushed."""
-
-
-@pytest.mark.parametrize(("sizes", "offset", "pull", "pressure"), LOOPS)
-def test_loops_under_heavy_loads_are_not_the_state(sizes, offset, pull, pressure):
+def test_a_loop_under_heavy_loads_is_not_the_state():
+    """Newton's method from rest leads to a loop of this finger, whose tip is pushed."""
+    sizes = {"a": 6.932, "b": 7.028, "t_m": 0.882, "h_x": 0.588, "h_L": 3.858, "H": 5.843, "L": 85.848}
     made = dataclasses.replace(finger("A"), **{name: value * mm for name, value in sizes.items()})
-    scene = sg.pneunet.TipContact(made, drive="cell", tip_offset=offset * mm, tip_pull=1e-3 * pull).prepared()
-    assert not by_newtons_method(scene, pressure * kPa)[1]
-    assert solved(scene, pressure * kPa).status in (sg.Status.BEYOND_LIMIT, sg.Status.IMPOSSIBLE)
+    scene = sg.pneunet.TipContact(made, drive="cell", tip_offset=8.37 * mm, tip_pull=-0.18186).prepared()
+    assert not by_newtons_method(scene, 10.54 * kPa)[1]
+    assert solved(scene, 10.54 * kPa).status == sg.Status.BEYOND_LIMIT
 
 
 def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
