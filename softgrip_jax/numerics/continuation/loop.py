@@ -157,6 +157,7 @@ def follow(
 
     def search_on(search: Search) -> Search:
         """What a trial has found is looked at once, outside the loop of the iterations."""
+        assert trial is not None
         search = lane_pool(busy, iterate, search, context)
         found = search._replace(mode=jnp.asarray(REACHED))
         found = select(

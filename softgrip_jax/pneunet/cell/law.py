@@ -103,7 +103,7 @@ class CellSection(SectionLaw):
         return self.bent(z, n)
 
     def stiffnesses(self, z: Array, n: Array) -> Array:
-        """What m rises by over z from each place to the next, under the n between them."""
+        """As of any law, with the cell worked out once at each place."""
         h = self.slenderness
         free = jax.vmap(_at_curvature, (None, 0))(self.cell.loaded, -z / h)
         nu = 0.5 * h * (n[1:] + n[:-1])

@@ -77,6 +77,12 @@ class SectionLaw(eqx.Module):
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
         return self.loads(z, stretch)[0], stretch
 
+    def stiffnesses(self, z: Array, n: Array) -> Array:
+        """What m rises by over z from each place of a line to the next, under the n between them."""
+        between, step = 0.5 * (n[1:] + n[:-1]), z[1:] - z[:-1]
+        rise = jax.vmap(self.bent)(z[1:], between)[0] - jax.vmap(self.bent)(z[:-1], between)[0]
+        return jnp.where(step == 0, jnp.inf, rise / jnp.where(step == 0, 1.0, step))
+
     def bent_once(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
         """`bent`, with its derivatives taken once for all directions of a Jacobian."""
         return _bent_once(self, z, n)
