@@ -354,6 +354,20 @@ def test_a_loop_under_heavy_loads_is_not_the_state():
     assert solved(scene, 10.54 * kPa).status == sg.Status.BEYOND_LIMIT
 
 
+def test_a_free_finger_that_its_load_buckles_is_not_ok():
+    """At its tip it is pushed along by 4 EI / L^2; Newton's method from rest finds a state that the path does not."""
+    made = finger("A")
+    along = 4 * made.material.shear_modulus() * made.B * made.H**3 / 3 / made.L**2
+    for part in (-0.02, 0.02):
+        load = jnp.stack([-along, part * along])
+        free = sg.pneunet.Free(made, drive="cell", weight=None, tip_load=load).prepared()
+        followed = free.solver().search(free, *way_to(free, 2 * kPa))
+        state = solved(free, 2 * kPa)
+        assert state.status == followed.status
+        if state.status == sg.Status.OK:
+            np.testing.assert_allclose(state.unknowns, followed.u[:-1], atol=1e-9)
+
+
 def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
     section = law.cell_section(finger("A"), jnp.asarray(26 * kPa))
     places, force = jnp.linspace(-0.3, 0.2, 5001), jnp.asarray(-0.02)

@@ -94,8 +94,11 @@ LIGHT_LOADS = 5.0
 """Loads, over EI / L^2, beside the pressure and the force at a held tip, under which Newton's method finds no loops: of
 8,192 held fingers under loads of any size it found 15, with loads of 7.4 and more."""
 LIGHT = 7.0
-"""Forces, over EI / L^2, that buckle no finger, a free one under its weight among them (7.8). Limit points of 8,192
-held fingers by the cell law, half of them with weight and offset, lie at 7.7 and more in all."""
+"""Forces, over EI / L^2, the one at a held tip among them, that buckle no finger of several segments: limit points of
+8,192 held fingers by the cell law, half of them with weight and offset, lie at 7.7 and more in all."""
+FREE_LOADS = 1.2
+"""Half of what buckles a column with a free tip, over EI / L^2; weight counts a third (7.8 buckles it). Of 8,192 free
+fingers by the cell law, pushed along, Newton's method led to wrong states from 1.59 on."""
 
 
 def opening(inclinations: Array) -> Array:
@@ -489,13 +492,14 @@ class FingerScene(PathEquations, Scene):
         return dataclasses.replace(self.finger, **chamber.fields)
 
     def is_the_only_state(self, unknowns, pressure):
-        """With the cell law and where no force buckles the finger: a cell's moment rises with its curvature there, so
-        there is one state."""
+        """With the cell law, under light loads, where no push buckles the finger: the moments of its cells rise with
+        their curvatures there."""
         if not self.is_cell():
             return None
         held, loads = self.held(unknowns), _tension(self)
         if held is None:
-            return loads < LIGHT
+            weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L / self.held_unit()
+            return loads - 2 / 3 * weight < FREE_LOADS
         parts, points = self.chambers()
         if len(parts.low) > 1:
             return loads + jnp.abs(held) < LIGHT
