@@ -238,14 +238,16 @@ def linear_heads(C, data, which):
         f = form.functions(c, z[1] / (0.5 * z[6] + z[5]))
         G = form.geometry_functions(z[2:])
 
-        def products(head, values):
-            counts = form.NUMBERS[head].values()
-            return jnp.concatenate([t * G[:n] for t, n in zip(values, counts, strict=True)])
+        def products(head, of_numbers):
+            """What the head, a sum of its numbers times functions of the state, is a sum of."""
+            values = jax.grad(of_numbers)(c.numbers[form.PLACES[head]])
+            return jnp.concatenate([t * G[:n] for t, n in zip(values, form.NUMBERS[head].values(), strict=True)])
 
+        F, M = form.force(c, f), form.moment(c, f)
         return (
-            products("stretch", form.stretch_terms(f, c.x[5], form.force(c, f), form.moment(c, f))),
-            products("lever", form.lever_terms(f)),
-            products("compliance", form.compliance_terms(f)),
+            products("stretch", lambda numbers: form.strain(numbers, f, c.x[5], F, M)),
+            products("lever", lambda numbers: form.more_lever(numbers, f)),
+            products("compliance", lambda numbers: form.log_compliance(numbers, f)),
         )
 
     H, coarse = data.z[:, 7], data.source == 2

@@ -17,10 +17,14 @@ logarithms of the lengths over B, p_c and A the exponential of one: see `NUMBERS
 benchmarks/cell/fit.py.
 
 Lengths are over B, curvatures times B, pressures over mu, moments over mu B^3, forces over mu B^2.
+
+Sums are written out in numbers, not as products of arrays: XLA makes one loop of them, which takes a third of the time
+of small products, and compiles in two thirds.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -92,19 +96,19 @@ def geometry_functions(x: Array) -> Array:
 
 def rims_meet(x: Array) -> Scalar:
     """B times the curvature (positive) at which the rims of rigid neighbours would meet."""
-    a, _, _, gap, length, H = x
+    a, _, _, gap, length, H = jnp.unstack(x)
     return gap / ((0.5 * length + gap) * (0.5 * H + 2 * a + TOP))
 
 
-def ramp(x: Array, width: Any) -> Array:
+def ramp(x: Scalar, width: float) -> Scalar:
     """The larger of x and 0, rounded off over the width."""
     return 0.5 * (x + jnp.sqrt(x * x + width * width))
 
 
-def pressing(x: Any) -> Array:
+def pressing(x: Any, width: float) -> Scalar:
     """What pressed rims add at the depth x: a ramp that starts as a square, so that it leaves no tail before it."""
-    r = ramp(jnp.asarray(x), RIM_WIDTHS)
-    return r * r / (r + RIM_WIDTHS)
+    r = ramp(jnp.asarray(x), width)
+    return r * r / (r + width)
 
 
 class Loaded(NamedTuple):
@@ -129,23 +133,38 @@ class Functions(NamedTuple):
     p: Scalar
     o: Scalar
     k: Scalar
-    rims: Array
+    rims: tuple[Scalar, ...]
+
+
+def pressed_share(c: Loaded, log_opening: Any) -> Scalar:
+    """E where the gap is open by so much."""
+    log_touch, m, n = jnp.unstack(c.numbers[PLACES["touch"]])
+    return jnp.exp(-jnp.exp(n * (log_touch + m * log_opening - jnp.log(c.pressure + LEAST_PRESSURE))))
 
 
 def functions(c: Loaded, k: Scalar) -> Functions:
     """E, p, o - 1 (both in their units), k and the ramps of the rims, zero without curvature."""
-    log_touch, m, n = c.numbers[PLACES["touch"]]
     opening = k / c.rims_meet
-    w = ramp(1 + opening, CLOSED)
-    E = jnp.exp(-jnp.exp(n * (log_touch + m * jnp.log(w) - jnp.log(c.pressure + LEAST_PRESSURE))))
-    rims = pressing(RIM_KNOTS - 1 - opening) - pressing(RIM_KNOTS - 1)
+    E = pressed_share(c, jnp.log(ramp(1 + opening, CLOSED)))
+    rims = tuple(
+        pressing(knot - 1 - opening, width) - pressing(knot - 1, width)
+        for knot, width in zip(RIM_KNOTS, RIM_WIDTHS, strict=True)
+    )
     return Functions(E, c.pressure / PRESSURE_UNIT, opening / OPENING_UNIT, k, rims)
 
 
-def shape(numbers: Array, f: Functions) -> Scalar:
+def straight_shape(numbers: Sequence[Scalar], E: Scalar, p: Scalar) -> Scalar:
+    """s of the pressed walls of a straight cell, see SHAPE."""
+    p_1, p_2, _, _, E_1, E_2, _, _, _, Ep = numbers
+    E = E - 0.5
+    return 1 + p * (p_1 + p_2 * p) + E * (E_1 + E_2 * E + Ep * p)
+
+
+def shape(numbers: Sequence[Scalar], f: Functions) -> Scalar:
     """s of the pressed walls, see SHAPE."""
-    E, p, o = f.E - 0.5, f.p, f.o
-    return 1 + numbers @ jnp.stack([p, p * p, o, o * o, E, E * E, p * o, E * o, E * o * o, E * p])
+    _, _, o_1, o_2, _, _, po, Eo, Eo_2, _ = numbers
+    E, o = f.E - 0.5, f.o
+    return straight_shape(numbers, f.E, f.p) + o * (o_1 + o_2 * o + po * f.p + E * (Eo + Eo_2 * o))
 
 
 def wall_force(c: Loaded) -> Scalar:
@@ -153,70 +172,88 @@ def wall_force(c: Loaded) -> Scalar:
     return 4 * c.x[0] * c.x[1] * c.pressure
 
 
-def pressed_rims(numbers: Array, f: Functions, c: Loaded) -> Scalar:
+def of_rims(numbers: Sequence[Scalar], f: Functions) -> Scalar:
+    """One number for each ramp of the rims."""
+    return sum((n * rim for n, rim in zip(numbers, f.rims, strict=True)), jnp.zeros_like(f.k))
+
+
+def pressed_rims(numbers: Sequence[Scalar], f: Functions, c: Loaded) -> Scalar:
     """Force of pressed rims; it goes with the wall's area."""
-    return 0.4 * c.x[0] * c.x[1] * (numbers @ jnp.concatenate([f.rims, f.p * f.rims]))
+    without, by_pressure = numbers[: len(f.rims)], numbers[len(f.rims) :]
+    pressed = [n + q * f.p for n, q in zip(without, by_pressure, strict=True)]
+    return 0.4 * c.x[0] * c.x[1] * of_rims(pressed, f)
 
 
 def moment(c: Loaded, f: Functions) -> Scalar:
     """M, over mu B^3."""
     a, H = c.x[0], c.x[5]
-    numbers = c.numbers[PLACES["moment"]]
-    size, others = numbers[0], numbers[1:]
+    size, *others = jnp.unstack(c.numbers[PLACES["moment"]])
     s, (c_0, c_1, c_2, d_0, d_1), rims = others[:10], others[10:15], others[15:]
     cover = H**3 / 3 * f.k * (c_0 + 0.3 * f.k * (c_1 + c_2 * f.k))
     walls = wall_force(c) * (a + 0.5 * H) * (jnp.exp(size) * f.E * shape(s, f) + d_0 + d_1 * f.o)
     return cover - walls - (2 * a + 0.5 * H) * pressed_rims(rims, f, c)
 
 
-def force_unrounded(c: Loaded, f: Functions) -> tuple[Scalar, Scalar]:
-    """F over mu B^2 before it is kept from pulling, and below what it is rounded off."""
-    numbers = c.numbers[PLACES["force"]]
-    whole = wall_force(c) * jnp.exp(numbers[0]) * f.E
-    return whole * shape(numbers[1:11], f) + pressed_rims(numbers[11:], f, c), ROUNDED * whole
+def straight_moment(c: Loaded) -> Scalar:
+    """`moment` without curvature."""
+    size, *others = jnp.unstack(c.numbers[PLACES["moment"]])
+    E, p = pressed_share(c, np.log(0.5 * (1 + np.sqrt(1 + CLOSED**2)))), c.pressure / PRESSURE_UNIT
+    walls = jnp.exp(size) * E * straight_shape(others[:10], E, p) + others[13]
+    return -wall_force(c) * (c.x[0] + 0.5 * c.x[5]) * walls
 
 
 def force(c: Loaded, f: Functions) -> Scalar:
-    """F, over mu B^2: it only pushes."""
-    value, width = force_unrounded(c, f)
+    """F, over mu B^2: it only pushes, so that forces which would pull are rounded off to none."""
+    size, *others = jnp.unstack(c.numbers[PLACES["force"]])
+    whole = wall_force(c) * jnp.exp(size) * f.E
+    value, width = whole * shape(others[:10], f) + pressed_rims(others[10:], f, c), ROUNDED * whole
     return 0.5 * (value + jnp.sqrt(value * value + width * width + NO_FORCE**2))
 
 
-def stretch_terms(f: Functions, H: Scalar, F: Scalar, M: Scalar) -> Array:
-    """What the strain without axial force is a sum of, F and M being the cell's: the walls' force pulls the cover."""
+def strain(numbers: Array, f: Functions, H: Scalar, F: Scalar, M: Scalar) -> Scalar:
+    """Without axial force, F and M being the cell's: the walls' force pulls the cover."""
+    F_1, FE, Fp, F_2, p_1, p_2, po, M_1, k_1, k_2, k_3, Ek, Ek_2, *rims = jnp.unstack(numbers)
     E, p, o, k = f.E, f.p, f.o, f.k
     F, M = F / (4 * H), M / H**2
-    bent = (k, k * k, k * k * k, E * k * H, E * k * k * H)
-    return jnp.stack([F, F * E, F * p, F * F, p, p * p, p * o, M, *bent, *f.rims])
+    pulled = F * (F_1 + FE * E + Fp * p + F_2 * F) + M_1 * M
+    bent = k * (k_1 + Ek * E * H + k * (k_2 + Ek_2 * E * H + k_3 * k))
+    return pulled + p * (p_1 + p_2 * p + po * o) + bent + of_rims(rims, f)
 
 
-def lever_terms(f: Functions) -> Array:
-    """What the lever over a + H / 2, less one, is a sum of."""
+def more_lever(numbers: Array, f: Functions) -> Scalar:
+    """The lever over a + H / 2, less one."""
+    one, E_1, E_2, p_1, o_1, o_2, Eo, *rims = jnp.unstack(numbers)
     E, p, o = f.E, f.p, f.o
-    return jnp.stack([jnp.ones_like(E), E, E * E, p, o, o * o, E * o, *f.rims])
+    return one + E * (E_1 + E_2 * E + Eo * o) + p_1 * p + o * (o_1 + o_2 * o) + of_rims(rims, f)
 
 
-def compliance_terms(f: Functions) -> Array:
-    """What the logarithm of the axial compliance over B / (4 H) is a sum of."""
+def log_compliance(numbers: Array, f: Functions) -> Scalar:
+    """The logarithm of the axial compliance over B / (4 H)."""
+    one, E_1, E_2, p_1, Ep, Eo, k_1, k_2, *rims = jnp.unstack(numbers)
     E, p, o, k = f.E, f.p, f.o, f.k
-    return jnp.stack([jnp.ones_like(E), E, E * E, p, E * p, E * o, k, k * k, *f.rims])
+    return one + E * (E_1 + E_2 * E + Ep * p + Eo * o) + p_1 * p + k * (k_1 + k_2 * k) + of_rims(rims, f)
+
+
+def lever(c: Loaded, f: Functions) -> Scalar:
+    """Of F about the cover's mid-height, over B."""
+    return (1 + more_lever(c.numbers[PLACES["lever"]], f)) * (c.x[0] + 0.5 * c.x[5])
 
 
 def at_curvature(c: Loaded, k: Scalar) -> dict[str, Array]:
-    """The five values at a curvature (times B), and the slopes of the stretch and the compliance by it."""
+    """Moment, strain and axial compliance at a curvature (times B), and the slopes of the last two by it."""
 
     def of(k):
-        f = functions(c, k)
-        M, F = moment(c, f), force(c, f)
-        strain = c.numbers[PLACES["stretch"]] @ stretch_terms(f, c.x[5], F, M)
-        axial = 0.25 / c.x[5] * jnp.exp(c.numbers[PLACES["compliance"]] @ compliance_terms(f))
-        lever = 1 + c.numbers[PLACES["lever"]] @ lever_terms(f)
-        return (strain, axial), {"moment": M, "force": F, "lever": lever * (c.x[0] + 0.5 * c.x[5])}
+        f, H = functions(c, k), c.x[5]
+        M = moment(c, f)
+        stretched = strain(c.numbers[PLACES["stretch"]], f, H, force(c, f), M)
+        axial = 0.25 / H * jnp.exp(log_compliance(c.numbers[PLACES["compliance"]], f))
+        return (stretched, axial), M
 
-    (strain, axial), (strain_slope, axial_slope), others = jax.jvp(of, (k,), (jnp.ones_like(k),), has_aux=True)
-    return others | {
-        "stretch": strain,
+    (stretched, axial), (strain_slope, axial_slope), M = jax.jvp(of, (k,), (jnp.ones_like(k),), has_aux=True)
+    return {
+        "moment": M,
+        "strain": stretched,
         "compliance": axial,
-        "stretch_slope": strain_slope,
+        "strain_slope": strain_slope,
         "compliance_slope": axial_slope,
     }

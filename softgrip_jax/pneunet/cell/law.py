@@ -51,18 +51,23 @@ class Cell(NamedTuple):
 
     loaded: form.Loaded
 
-    def state(self, k: Scalar, nu: Scalar) -> dict[str, Array]:
-        """moment, stretch, force, lever and compliance at the curvature k = kappa B under nu = N / (mu B^2)."""
+    def bent(self, k: Scalar, nu: Scalar) -> tuple[Scalar, Scalar]:
+        """(M_ext, stretch) at the curvature k = kappa B under nu = N / (mu B^2)."""
         v = _at_curvature(self.loaded, k)
-        moment = v["moment"] - nu * (v["stretch_slope"] + 0.5 * nu * v["compliance_slope"])
-        return v | {"moment": moment, "stretch": 1 + v["stretch"] + nu * v["compliance"]}
+        moment = v["moment"] - nu * (v["strain_slope"] + 0.5 * nu * v["compliance_slope"])
+        return moment, 1 + v["strain"] + nu * v["compliance"]
+
+    def touched(self, k: Scalar) -> tuple[Scalar, Scalar]:
+        """(force of one wall on the next, its lever) at the curvature k."""
+        f = form.functions(self.loaded, k)
+        return form.force(self.loaded, f), form.lever(self.loaded, f)
 
     def straight_moment(self) -> Scalar:
         """The moment of a straight cell without axial force, over mu B^3."""
-        return form.moment(self.loaded, form.functions(self.loaded, jnp.zeros_like(self.loaded.pressure)))
+        return form.straight_moment(self.loaded)
 
 
-@partial(differentiated_once, apart=True)
+@partial(differentiated_once, apart=False)
 def _at_curvature(loaded: form.Loaded, k: Scalar) -> dict[str, Array]:
     return form.at_curvature(loaded, k)
 
@@ -89,13 +94,13 @@ class CellSection(SectionLaw):
 
     def bent(self, z, n):
         h = self.slenderness
-        state = self.cell.state(-z / h, n * h)
-        return -state["moment"] / h**2, state["stretch"]
+        moment, stretch = self.cell.bent(-z / h, n * h)
+        return -moment / h**2, stretch
 
     def loads(self, z, stretch):
         h = self.slenderness
         free = _at_curvature(self.cell.loaded, -z / h)
-        n = (stretch - 1 - free["stretch"]) / free["compliance"] / h
+        n = (stretch - 1 - free["strain"]) / free["compliance"] / h
         return self.bent(z, n)[0], n
 
     def bent_once(self, z, n):
@@ -109,7 +114,7 @@ class CellSection(SectionLaw):
         nu = 0.5 * h * (n[1:] + n[:-1])
 
         def moment(here):
-            return free["moment"][here] - nu * (free["stretch_slope"][here] + 0.5 * nu * free["compliance_slope"][here])
+            return free["moment"][here] - nu * (free["strain_slope"][here] + 0.5 * nu * free["compliance_slope"][here])
 
         rise, step = (moment(np.s_[:-1]) - moment(np.s_[1:])) / h**2, z[1:] - z[:-1]
         return jnp.where(step == 0, jnp.inf, rise / jnp.where(step == 0, 1.0, step))

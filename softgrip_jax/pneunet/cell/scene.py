@@ -89,10 +89,12 @@ class Cell(CurveScene):
     def observe(self, angle, pressure):
         f = self.finger
         unit = self.pressure_scale() * f.B**2
-        state = cell_of(f, angle * self.pressure_scale()).state(self.curvature * f.B, self.axial_force / unit)
+        cell, k = cell_of(f, angle * self.pressure_scale()), self.curvature * f.B
+        moment, stretch = cell.bent(k, self.axial_force / unit)
+        force, lever = cell.touched(k)
         return {
-            "moment": state["moment"] * unit * f.B,
-            "contact_force": state["force"] * unit,
-            "lever_arm": state["lever"] * f.B,
-            "stretch": state["stretch"],
+            "moment": moment * unit * f.B,
+            "contact_force": force * unit,
+            "lever_arm": lever * f.B,
+            "stretch": stretch,
         }
