@@ -151,10 +151,14 @@ class PathEquations(eqx.Module):
         """The state at a pressure where it needs no path, in closed form or as scalar roots; None where it does."""
         return None
 
-    def is_the_only_state(self, unknowns: Vector, pressure: Scalar) -> Bool[Array, ""] | None:
-        """Where True these unknowns, if they solve the equations at the pressure, are the state that is connected to
-        zero load, whatever the way to it: Newton's method may find it. None where nothing is known of that."""
+    def is_lightly_loaded(self) -> Bool[Array, ""] | None:
+        """Whether Newton's method is tried from rest, before the path is followed; None where it never is."""
         return None
+
+    def is_the_only_state(self, unknowns: Vector, pressure: Scalar) -> Bool[Array, ""]:
+        """Under light loads: where True these unknowns, if they solve the equations at the pressure, are the state that
+        is connected to zero load, whatever the way to it."""
+        return jnp.asarray(False)
 
     def has_close_limits(self) -> bool:
         """Whether limit points may follow so close on each other that states beyond them look like states before."""

@@ -491,20 +491,27 @@ class FingerScene(PathEquations, Scene):
         """The finger with one part's dimensions."""
         return dataclasses.replace(self.finger, **chamber.fields)
 
-    def is_the_only_state(self, unknowns, pressure):
-        """With the cell law, under light loads, where no push buckles the finger: the moments of its cells rise with
-        their curvatures there."""
+    def is_lightly_loaded(self):
+        """With the cell law: where other loads than the pressure buckle no finger."""
         if not self.is_cell():
             return None
-        held, loads = self.held(unknowns), _tension(self)
+        loads = _tension(self)
+        if self.tip() is not None:
+            return loads < LIGHT_LOADS
+        weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L / self.held_unit()
+        return loads - 2 / 3 * weight < FREE_LOADS
+
+    def is_the_only_state(self, unknowns, pressure):
+        """With the cell law: where no push buckles the finger, since the moments of its cells rise with their
+        curvatures."""
+        held = self.held(unknowns)
         if held is None:
-            weight = 0.0 if self.weight is None else jnp.sum(jnp.abs(self.weight)) * self.finger.L / self.held_unit()
-            return loads - 2 / 3 * weight < FREE_LOADS
+            return jnp.asarray(True)
         parts, points = self.chambers()
         if len(parts.low) > 1:
-            return loads + jnp.abs(held) < LIGHT
-        cover, line = self.line(self.curvatures(unknowns), held, jnp.ones_like(pressure), pressure)
-        return (pushed_over_stiffness(cover, line, parts, points) < SURELY_HELD) & (loads < LIGHT_LOADS)
+            return _tension(self) + jnp.abs(held) < LIGHT
+        cover = self.cover(held, jnp.ones_like(pressure), pressure)
+        return pushed_over_stiffness(cover, self.clamp(), self.curvatures(unknowns)[0], points) < SURELY_HELD
 
     def push(self, chamber: PartChamber, pressure: Scalar, inclination: Scalar) -> Scalar:
         """M_T over mu B H^2, in the bending direction."""

@@ -104,11 +104,10 @@ class ArcLength(BranchSolver):
             wanted = span.coordinate_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = begun(start_of(scene, span), span, reachable)
-            at_rest = scene.unloaded_state()
-            is_tried, trial = scene.is_the_only_state(at_rest, jnp.zeros_like(pressure)), None
+            is_tried, trial = scene.is_lightly_loaded(), None
             if is_tried is not None:
                 trial = Trial(
-                    jnp.append(at_rest, reachable),
+                    jnp.append(scene.unloaded_state(), reachable),
                     is_tried,
                     lambda u, args: args[0].is_the_only_state(u[:-1], args[2].pressure_at(u)),
                 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache, reduce
 from typing import NamedTuple
 
 import jax
@@ -95,12 +96,16 @@ def first_of(*cases: Case) -> tuple[Scalar, Search]:
     for k in reversed(range(len(cases) - 1)):
         number = jnp.where(conditions[k], float(k), number)
     number = materialised(number)
+    is_case = [number == k for k in range(len(cases))]
+
+    @cache
+    def is_one_of(*some: int) -> Array:
+        return reduce(jnp.logical_or, (is_case[k] for k in some))
 
     def chosen(*values):
         result = values[-1]
         for value in {id(v): v for v in values if v is not result}.values():
-            here = [number == k for k, v in enumerate(values) if v is value]
-            result = jnp.where(jnp.any(jnp.stack(here), axis=0), value, result)
+            result = jnp.where(is_one_of(*(k for k, v in enumerate(values) if v is value)), value, result)
         return result
 
     return number, jax.tree.map(chosen, *states)
