@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 import softgrip_jax as sg
 from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.load_path import begun, start_of, to_coordinate
-from softgrip_jax.numerics.continuation import Trial
+from softgrip_jax.numerics.continuation import Climb
 from softgrip_jax.pneunet.cell import form, law, solid
 from softgrip_jax.pneunet.section.base import SectionLaw
 from softgrip_jax.units import kPa, mm
@@ -285,18 +285,23 @@ def test_derivatives_of_the_held_finger_are_those_of_differences():
 SNAPPING = [
     {"a": 5.653, "h_x": 0.806, "t_m": 1.485, "H": 4.272, "L": 60.015},
     {"a": 6.47, "h_x": 0.61, "t_m": 0.92, "H": 5.29, "L": 81.82},
+    {"a": 6.713, "b": 8.69, "t_m": 1.315, "h_x": 0.858, "h_L": 4.384, "H": 5.357, "L": 68.771},
 ]
-"""mm: chambers near the clamp of these fingers snap one after the other, from 30.7 and from 17.7 kPa on."""
+"""mm: chambers near the clamp of these fingers snap one after the other, from 30.7, 17.7 and 25.0 kPa on."""
 
 
 @pytest.mark.parametrize("sizes", SNAPPING)
 def test_limit_points_that_follow_close_on_each_other_are_seen(sizes):
-    """No state is OK beyond the largest pressure, and none below it is lost: steps of an eightieth find the same."""
+    """No state is OK beyond the largest pressure, and none below it is lost: small steps all the way from rest
+    find the same limit point."""
     snapping = dataclasses.replace(finger("A"), **{name: value * mm for name, value in sizes.items()})
     scene = sg.pneunet.TipContact(snapping, drive="cell", inclination="segment")
     limit = sg.limit_pressure(scene)
-    fine = sg.solvers.ArcLength(largest_step=0.05, max_steps=8000)
-    assert limit == pytest.approx(float(jax.jit(fine.find_limit)(scene).pressure), rel=1e-9)
+    fine = sg.solvers.ArcLength(largest_step=0.02, max_steps=20000, detour=0.001)
+    start, _, _, way = way_to(scene, 1 * kPa)
+    followed = fine.search(scene, start, to_coordinate, way.last(), way)
+    assert followed.status == sg.Status.BEYOND_LIMIT
+    assert limit == pytest.approx(float(followed.detail), rel=1e-9)
     pressures = np.array([0.9, 0.99, 0.9999, 1.001, 1.002, 1.01, 1.03, 1.04]) * float(limit)
     statuses = [int(solved(scene, pressure).status) for pressure in pressures]
     assert statuses == [int(sg.Status.OK)] * 3 + [int(sg.Status.BEYOND_LIMIT)] * 5
@@ -312,8 +317,8 @@ def way_to(scene, pressure):
 def by_newtons_method(scene, pressure):
     """(unknowns, whether the scene is sure of them), from rest at the pressure itself."""
     way = way_to(scene, pressure)
-    at, anything = jnp.append(scene.unloaded_state(), way[2]), lambda u, args: jnp.asarray(True)
-    found = scene.solver().search(scene, *way, trial=Trial(at, jnp.asarray(True), anything))
+    rest, anything = jnp.append(scene.unloaded_state(), way[3].loading), lambda u, args: jnp.asarray(True)
+    found = scene.solver().search(scene, *way, climb=Climb(rest, way[2], jnp.asarray(True), anything))
     assert found.status == sg.Status.OK
     sure = scene.is_lightly_loaded() & scene.is_the_only_state(found.u[:-1], jnp.asarray(pressure))
     return found.u[:-1], bool(sure)

@@ -26,15 +26,16 @@ from ..numerics.continuation import (
     MAX_STEPS,
     REACHED,
     TURN,
+    Climb,
     End,
     Steps,
-    Trial,
     follow,
 )
 from ..reasons import Reason
 from ..results import Status
 from ..scene import BranchSolver, Found
 from . import path_limits, path_values
+from .climb import climb_to
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -104,14 +105,7 @@ class ArcLength(BranchSolver):
             wanted = span.coordinate_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
             start = begun(start_of(scene, span), span, reachable)
-            is_tried, trial = scene.is_lightly_loaded(), None
-            if is_tried is not None:
-                trial = Trial(
-                    jnp.append(scene.unloaded_state(), reachable),
-                    is_tried,
-                    lambda u, args: args[0].is_the_only_state(u[:-1], args[2].pressure_at(u)),
-                )
-            found = self.search(scene, start, to_coordinate, reachable, span, trial=trial)
+            found = self.search(scene, start, to_coordinate, reachable, span, climb=climb_to(reachable, scene, span))
             beyond = wanted > reachable
         ended = (found.status == Status.OK) & beyond
         status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
@@ -134,7 +128,8 @@ class ArcLength(BranchSolver):
             ray, moderate = to_moderate(span)
             before = self.search(scene, start_of(scene, span), to_coordinate, ray.loading, ray)
             start, way, last = before.u.at[-1].set(0.0), onwards(ray, moderate), (span.end - moderate) / span.step
-        u, status, steps, reason, detail = self.search(scene, start, to_coordinate, last, way)
+        climb = climb_to(last, scene, way) if before is None else None
+        u, status, steps, reason, detail = self.search(scene, start, to_coordinate, last, way, climb=climb)
         if before is not None:
             status = jnp.where(before.status == Status.OK, status, Status.IMPOSSIBLE)
         early = status == Status.BEYOND_LIMIT
@@ -159,10 +154,9 @@ class ArcLength(BranchSolver):
         context: Any,
         span: LoadPath,
         is_there: Bool[Array, ""] | bool = False,
-        trial: Trial | None = None,
+        climb: Climb | None = None,
     ) -> Search:
-        """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`, and
-        what Newton's method finds from `trial` where that is sure to be it."""
+        """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`."""
 
         def equations(u, args):
             scene, context, span = args
@@ -173,7 +167,7 @@ class ArcLength(BranchSolver):
         # Where the pressure alone acts the path is nearly straight.
         by = Steps(self.first_step, self.largest_step, self.turn, self.max_steps, self.detour)
         first = jnp.where(start[-1] >= span.loading, by.largest, by.first)
-        end = follow(equations, start, (scene.searched(), context, span), first, by, is_there, trial)
+        end = follow(equations, start, (scene.searched(), context, span), first, by, is_there, climb)
         folded = end.reason == FOLD
         # A fold before the pressure acts: the other loads alone have no equilibrium. Where the finger buckles under
         # them the state beyond is not stable.

@@ -18,6 +18,7 @@ from ..numerics.implicit import implicit
 from ..reasons import Reason
 from ..results import Solution, Status, stop_gradient_where_failed
 from ..scene import Found, frozen
+from .climb import climb_to
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -124,7 +125,11 @@ def _legs(
         by = jnp.where(again, MUCH_CLOSER, 1.0)
         u = jnp.where(is_loading, loaded, begun(loaded, span, by=by))
         is_there = again & (before.status != Status.NOT_CONVERGED)
-        found = method.search(scene, u, goal, (is_loading, value, span.loading), span, is_there=is_there)
+        climb = climb_to(span.last(), scene, span)
+        if climb is not None:
+            climb = climb._replace(here=climb.here & (number == 1))
+        context = (is_loading, value, span.loading)
+        found = method.search(scene, u, goal, context, span, is_there=is_there, climb=climb)
         found = select(is_there, before, found)
         u = found.u.at[-1].set(jnp.where(is_loading, span.loading, found.u[-1]))
         found = found._replace(u=u)

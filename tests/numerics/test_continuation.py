@@ -19,8 +19,8 @@ from softgrip_jax.numerics.continuation import (
     LARGEST_STEP,
     MAX_STEPS,
     REACHED,
+    Climb,
     Steps,
-    Trial,
     fold_load,
     follow,
     trace,
@@ -139,27 +139,59 @@ def test_what_is_there_already_is_handed_back():
 
 
 @jax.jit
-def _tried(target, most):
-    """From rest, with a trial from y = 0 at the load itself, believed where |y| is less than `most`."""
-    trial = Trial(jnp.stack([0.0 * target, target]), jnp.asarray(True), lambda u, args: jnp.abs(u[0]) < args[-1])
+def _climbed(target, most, end=jnp.inf, table=CUBIC, to=None):
+    """From rest, with a climb to the goal's load or another one, believed where |y| is less than `most`; the goal lies
+    at y = `end` or at the load `target`, whatever comes first."""
+    top = target if to is None else to
+    climb = Climb(jnp.zeros(2), top, jnp.asarray(True), lambda u, args: jnp.abs(u[0]) < args[-1])
 
     def with_most(u, args):
-        return equations(u, args[:-1])
+        residual, goal = equations(u, args[:-2])
+        return residual, jnp.maximum(goal, u[0] - args[-2])
 
-    return follow(with_most, jnp.zeros(2), (jnp.asarray(CUBIC), jnp.inf, target, most), trial=trial)
+    args = (jnp.asarray(table), jnp.inf, target, end, most)
+    return follow(with_most, jnp.zeros(2), args, 0.01, Steps(largest=0.01), climb=climb)
 
 
-def test_a_trial_is_the_answer_where_it_is_sure_and_else_the_path_is_followed():
+def test_newtons_method_gives_the_answer_where_it_is_sure_and_else_where_the_path_begins():
     root = brentq(lambda y: y - y**3 / 3 - 0.3, 0, 1, xtol=1e-15)
-    believed, doubted = _tried(0.3, 1.0), _tried(0.3, 0.1)
-    for found in (believed, doubted):
+    believed, doubted, never = (_climbed(0.3, most) for most in (1.0, 0.3, 0.0))
+    for found in (believed, doubted, never):
         assert found.reason == REACHED
         assert float(found.u[0]) == pytest.approx(root, rel=1e-14)
-    assert believed.iterations <= 5 < doubted.iterations
+    # Steps of 0.01 go from the last load at which |y| < 0.3, or from rest.
+    assert believed.iterations <= 5
+    assert never.iterations > 50
+    assert believed.iterations < doubted.iterations < 0.7 * never.iterations
     # At a load beyond the limit point there is a root all the same, -2.6, which is not believed.
-    beyond = _tried(3.0, 1.0)
+    beyond = _climbed(3.0, 0.9)
     assert beyond.reason == FOLD
     assert beyond.u.tolist() == pytest.approx([1.0, 2 / 3], rel=1e-7)
+    assert beyond.iterations < 0.7 * _climbed(3.0, 0.0).iterations
+
+
+def test_a_goal_that_comes_before_the_one_that_was_climbed_to_is_found():
+    """Newton's method arrives at the load 0.3, where the other goal, y = 0.1, has been passed."""
+    found = _climbed(0.3, 1.0, 0.1)
+    assert found.reason == REACHED
+    assert found.u.tolist() == pytest.approx([0.1, 0.1 - 0.1**3 / 3], rel=1e-12)
+
+
+def test_a_goal_that_is_passed_on_the_way_and_not_at_the_largest_load_is_found():
+    """y = (p - p^2) / 10 reaches 0.02 at p = (1 - sqrt(0.2)) / 2, and is back at 0 where Newton's method arrives."""
+    hump = jnp.asarray(coefficients(y1p0=1, y0p1=-0.1, y0p2=0.1))
+    found = _climbed(9.0, 1.0, 0.02, table=hump, to=1.0)
+    assert found.reason == REACHED
+    assert float(found.u[1]) == pytest.approx(0.5 * (1 - np.sqrt(0.2)), rel=1e-12)
+
+
+def test_what_newtons_method_does_not_find_is_lost_and_the_path_is_followed():
+    """From y = 0, where the slope is nearly level, its first step goes a thousand times too far, to where nothing is
+    believed."""
+    late = coefficients(y0p1=1, y1p0=-0.001, y3p0=-1)
+    found = _climbed(0.3, 1.0, table=late)
+    assert found.reason == REACHED
+    assert float(found.u[0]) == pytest.approx(brentq(lambda y: 0.001 * y + y**3 - 0.3, 0, 1, xtol=1e-15), rel=1e-12)
 
 
 @pytest.mark.parametrize("target", [0.05, 0.3, 0.6, 0.66, 0.6666, 0.666666, 0.66666666])

@@ -25,9 +25,9 @@ BifurcationKit are programs in other languages.
 from .curve import trace as trace
 from .limit_load import fold_load as fold_load
 from .loop import MAX_STEPS as MAX_STEPS
+from .loop import Climb as Climb
 from .loop import End as End
 from .loop import Steps as Steps
-from .loop import Trial as Trial
 from .loop import follow as follow
 from .points import DETOUR as DETOUR
 from .points import TURN as TURN

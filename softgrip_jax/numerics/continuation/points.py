@@ -39,7 +39,7 @@ def arrived(
     first: Bool[Array, ""] | bool = False,
     polishing: Bool[Array, ""] | bool = False,
     turn: float = TURN,
-    detour: float = DETOUR,
+    detour: Scalar | float = DETOUR,
 ) -> tuple[Point, Scalar, Bool[Array, ""], Scalar, Bool[Array, ""]]:
     """Where a Newton iteration is, how the goal rises along the path there, whether that can be trusted to be the
     path's next point once it has converged, about how far from there it was left by its first correction, and whether
@@ -55,7 +55,7 @@ def arrived(
     same_side = (before.side == 0) | (side == before.side)
     straight = jnp.dot(tangent, before.tangent)
     correction = jnp.linalg.norm(newton.u - guess)
-    slack = min(SLACK, detour)
+    slack = jnp.minimum(SLACK, detour)
     near = correction <= detour * jnp.linalg.norm(guess - before.u) + jnp.where(polishing, 3 * SLACK, slack)
     ahead = jnp.all(jnp.isfinite(tangent)) & (tangent[-1] > 0)
     least = jnp.where(polishing, min(POLISHED_TURN, turn), turn)

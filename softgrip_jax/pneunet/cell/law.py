@@ -24,7 +24,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
-from ...numerics.xla import differentiated_once
+from ...numerics.xla import differentiated_once, materialised
 from ..finger import PneuNet
 from ..section.base import SectionLaw
 from . import form
@@ -69,7 +69,7 @@ class Cell(NamedTuple):
 
 @partial(differentiated_once, apart=False)
 def _at_curvature(loaded: form.Loaded, k: Scalar) -> dict[str, Array]:
-    return form.at_curvature(loaded, k)
+    return jax.tree.map(materialised, form.at_curvature(loaded, k))
 
 
 def sizes(finger: PneuNet) -> Array:
