@@ -116,6 +116,7 @@ def gallery_scenes() -> None:
         "chamber": sg.pneunet.chamber(finger, 31 * kPa, inclination=0.1),
         "finger_free": sg.solve(sg.pneunet.Free(finger, weight=(0.0, 0.0)), 31 * kPa),
         "finger_held": sg.solve(sg.pneunet.TipContact(finger), 31 * kPa),
+        "finger_cell": sg.solve(sg.pneunet.TipContact(finger, drive="cell"), 20 * kPa),
     }
     for name, (held, distance) in objects.items():
         states[f"grasp_{name}"] = sg.pressure_for(sg.pneunet.Grasp(gripper, held, stand_distance=distance))
