@@ -374,6 +374,17 @@ def test_a_free_finger_that_its_load_buckles_is_not_ok():
             np.testing.assert_allclose(state.unknowns, followed.u[:-1], atol=1e-9)
 
 
+def test_a_light_finger_that_has_curled_up_tells_where_it_did():
+    """Newton's method arrives at a state beyond two whole turns: the end of the model is before it."""
+    long = sg.pneunet.Free(dataclasses.replace(finger("A"), L=200 * mm), drive="cell", weight=(0.01, 0.0))
+    curled, limit = solved(long, 30 * kPa), sg.limit_pressure(long)
+    assert curled.status == sg.Status.BEYOND_LIMIT
+    assert float(curled.detail) == pytest.approx(float(limit), rel=1e-9)
+    before = solved(long, 0.999 * limit)
+    assert before.status == sg.Status.OK
+    assert 0.99 * 4 * np.pi < before.tip_angle < 4 * np.pi
+
+
 def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
     section = law.cell_section(finger("A"), jnp.asarray(26 * kPa))
     places, force = jnp.linspace(-0.3, 0.2, 5001), jnp.asarray(-0.02)
@@ -393,6 +404,28 @@ def test_loads_that_come_first_are_no_kink_on_the_way(offset):
     )
     assert first.status == together.status == sg.Status.OK
     assert first.tip_force == pytest.approx(float(together.tip_force), rel=1e-9)
+
+
+@pytest.mark.parametrize("along", [-1.0, 2.0])
+def test_a_held_finger_that_hangs_or_stands_has_a_state(along):
+    """The whole finger is straight at first, where its rims just begin to press."""
+    scene = dataclasses.replace(held(), weight=jnp.array([along, 0.0]))
+    start, goal, place, way = way_to(scene, 10 * kPa)
+    followed = scene.solver().search(scene, start, goal, place, way)
+    assert followed.status == sg.Status.OK
+    state = solved(scene, 10 * kPa)
+    assert state.status == sg.Status.OK
+    np.testing.assert_allclose(state.unknowns, followed.u[:-1], atol=1e-9)
+    without = solved(held(), 10 * kPa)
+    assert state.tip_force == pytest.approx(float(without.tip_force), rel=0.05)
+
+
+def test_a_cell_at_rest_is_pressed_by_nothing_and_its_force_has_no_kink():
+    rest = law.cell_of(finger("A"), jnp.asarray(0.0))
+    assert rest.touched(jnp.asarray(0.0))[0] == 0
+    curvatures = jnp.linspace(-0.05, 0.05, 201)
+    slopes = jax.vmap(jax.grad(lambda k: form.at_curvature(rest.loaded, k)["strain_slope"]))(curvatures)
+    assert np.ptp(np.diff(slopes)) < 1e-3
 
 
 def test_a_free_finger_bends_as_one_cell_does():

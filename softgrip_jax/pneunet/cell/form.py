@@ -51,8 +51,9 @@ RIM_KNOTS, RIM_WIDTHS = np.array([0.1, -0.4, -1.0]), np.array([0.12, 0.2, 0.25])
 """Openings at which pressed rims begin to be felt, and over which they do."""
 ROUNDED = 0.02
 """Forces below so much of the walls' share of the pressure are rounded off towards zero."""
-NO_FORCE = 1e-15
-"""Over mu B^2: twice the force where there is none, so that its derivatives exist there."""
+NO_FORCE = 1e-6
+"""Over mu B^2: forces below it are rounded off, too, 0.05 mN for Dragon Skin 20. Rims of a cell without pressure begin
+to press as it bends, by as little as that, and Newton's method would stop at their kink."""
 PRESSURE_UNIT, OPENING_UNIT = 0.2, 5.0
 """Of pressures over mu and of (o - 1) in the polynomials, so that they are near one."""
 RIMS = tuple(f"{name} {i}" for name in ("rim", "rim p") for i in range(len(RIM_KNOTS)))
@@ -203,11 +204,11 @@ def straight_moment(c: Loaded) -> Scalar:
 
 
 def force(c: Loaded, f: Functions) -> Scalar:
-    """F, over mu B^2: it only pushes, so that forces which would pull are rounded off to none."""
+    """F, over mu B^2: it only pushes; what would pull is rounded off to none, or NO_FORCE / 2 below it."""
     size, *others = jnp.unstack(c.numbers[PLACES["force"]])
     whole = wall_force(c) * jnp.exp(size) * f.E
     value, width = whole * shape(others[:10], f) + pressed_rims(others[10:], f, c), ROUNDED * whole
-    return 0.5 * (value + jnp.sqrt(value * value + width * width + NO_FORCE**2))
+    return 0.5 * (value - NO_FORCE + jnp.sqrt(value * value + width * width + NO_FORCE**2))
 
 
 def strain(numbers: Array, f: Functions, H: Scalar, F: Scalar, M: Scalar) -> Scalar:

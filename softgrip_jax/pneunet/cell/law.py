@@ -22,6 +22,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
+from ...numerics.choice import larger
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
 from ...numerics.xla import differentiated_once, materialised
@@ -60,7 +61,7 @@ class Cell(NamedTuple):
     def touched(self, k: Scalar) -> tuple[Scalar, Scalar]:
         """(force of one wall on the next, its lever) at the curvature k."""
         f = form.functions(self.loaded, k)
-        return form.force(self.loaded, f), form.lever(self.loaded, f)
+        return larger(form.force(self.loaded, f), 0.0), form.lever(self.loaded, f)
 
     def straight_moment(self) -> Scalar:
         """The moment of a straight cell without axial force, over mu B^3."""
