@@ -55,7 +55,7 @@ MAX_STEPS = 400
 AT_GOAL = 1e-9
 """A goal that is less than this has not been passed."""
 NEAR = 0.05
-"""Of the way from rest to the goal: so near to each other a sure point and one that is not are not bisected."""
+"""Of the loads from rest to the largest: a sure point and one that is not, so near to each other, are not bisected."""
 SHARP = 0.2
 """Where a climb ends limit points may be near, and follow close on each other: the path from there is followed so much
 more closely."""
@@ -80,7 +80,7 @@ class Climb(NamedTuple):
     is followed from the last point that is sure."""
 
     rest: Vector
-    """Where Newton's method begins: at the first of its loads nothing is to be found."""
+    """Where Newton's method begins; its load is the least one of the bisection."""
     to: Scalar
     """The largest load, the first one to try."""
     here: Bool[Array, ""]

@@ -12,7 +12,7 @@ of neo-Hookean material. Other strain energies enter by their shear modulus at r
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -68,7 +68,7 @@ class Cell(NamedTuple):
         return form.straight_moment(self.loaded)
 
 
-@partial(differentiated_once, apart=False)
+@differentiated_once
 def _at_curvature(loaded: form.Loaded, k: Scalar) -> dict[str, Array]:
     return jax.tree.map(materialised, form.at_curvature(loaded, k))
 
