@@ -55,6 +55,7 @@ def test_held_tip_matches_scipy_at_random_fingers(law):
         np.testing.assert_allclose(found["tip_angle"][i], -end[0], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_strong_tension_in_a_batch_stays_on_the_branch_from_zero_load():
     """A pull of 23 EI/L^2: Newton's method once jumped from here to a loop, turned by 6.7 rad, and called it OK."""
     f, _, *loads = random_contacts("inextensible", 7)[6]
@@ -83,6 +84,7 @@ def test_free_finger_under_loads_matches_scipy():
         np.testing.assert_allclose(found["tip_angle"][i], clamp - end[0], rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_coupled_free_finger_matches_scipy():
     """13 parts, each inclined by half of its turn over one pitch; the chambers' moments follow from it."""
     f, p, count, weight = TYPE_A, 0.031, 13, (0.0, -2e-3)
@@ -122,6 +124,7 @@ def test_vanishing_weight_is_the_closed_form():
     np.testing.assert_allclose(arcs.tip / mm, expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segments", [1, pytest.param(6, marks=pytest.mark.slow)])
 def test_collocation_meets_diffrax_geometrically(segments):
     """Against adaptive shooting by diffrax from the clamp, with the moment and the force there from the solution."""
@@ -211,6 +214,7 @@ def per_segment(f, count, **fields):
     return f | {name: np.full(count, f[name]) for name in ("a", "b", "h_x", "t_m", "h_L")} | fields
 
 
+@pytest.mark.slow
 def test_nonuniform_finger_is_a_chain():
     f, p, loads = TYPE_A, 0.031, (-3.0, 0.05, (1e-3, -1e-3))
     denser = per_segment(

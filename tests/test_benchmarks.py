@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from conftest import ROOT
 
 from benchmarks.speed import measure
 from benchmarks.speed.__main__ import run_part
+from softgrip_jax import model_error
 
 FOLDER = ROOT / "docs" / "benchmarks"
 
@@ -26,6 +28,7 @@ def quick(tmp_path, *parts):
     return {part: list(csv.DictReader(lines)) for part, lines in tables.items()}
 
 
+@pytest.mark.slow
 def test_a_small_sample_runs_and_is_right(tmp_path):
     """A shell against 80-bit arithmetic, fsolve and optimistix beside it."""
     rows = quick(tmp_path, "shells")["shells"]
@@ -61,16 +64,40 @@ def test_a_rod_at_rest_is_a_finger(tmp_path):
     assert max(errors) < 0.15  # ten elements
 
 
-@pytest.mark.parametrize("name", ["speed-and-error.md", "hard-cases.md"])
-def test_pages_say_what_the_tables_say(tmp_path, name):
+def test_pages_say_what_the_tables_say(tmp_path, monkeypatch):
     """Written again from the CSV files, a page does not change."""
-    from benchmarks.speed.page import write_page
+    from benchmarks.speed import page
 
     folder = shutil.copytree(FOLDER, tmp_path / "benchmarks")
-    page = tmp_path / name
-    page.write_text((ROOT / "docs" / name).read_text(encoding="utf-8"), encoding="utf-8")
-    write_page(page, folder)
-    assert page.read_text(encoding="utf-8") == (ROOT / "docs" / name).read_text(encoding="utf-8")
+    for name in ("speed-and-error.md", "hard-cases.md"):
+        copy = shutil.copy(ROOT / "docs" / name, tmp_path)
+        page.write_page(copy, folder)
+        assert copy.read_text(encoding="utf-8") == (ROOT / "docs" / name).read_text(encoding="utf-8")
+        monkeypatch.setattr(page.pictures, "draw", lambda *_: None)  # the pictures are the same for both
+
+
+@pytest.mark.parametrize(("model", "column"), [("arc", "thesis_model"), ("energy", "better_model")])
+def test_reports_say_what_the_table_of_models_says(model, column):
+    """The sentences beside the numbers of shells hold the smallest and the largest error of the table, in percent."""
+    with (FOLDER / "models.csv").open(encoding="utf-8") as lines:
+        rows = list(csv.DictReader(lines))
+    for sentence, quantity in (
+        (model_error.FREE[model], "shell, free: inflation"),
+        (model_error.PLANE[model], "shell on a plane: force"),
+        (model_error.LIMIT[model], "shell, free: largest pressure"),
+    ):
+        errors = [
+            100 * (float(row[column]) / float(row["finite_elements"]) - 1)
+            for row in rows
+            if row["quantity"] == quantity
+        ]
+        assert errors
+        said = [float(number) for number in re.findall(r"[\d.]+", sentence.partition("%")[0])]
+        digits = len(re.findall(r"\.(\d+)", sentence.partition("%")[0])[:1])
+        assert said[-1] == round(max(map(abs, errors)), digits)
+        if "within" not in sentence:
+            assert said[0] == round(min(map(abs, errors)), digits)
+            assert {error > 0 for error in errors} == {"more" in sentence}
 
 
 def test_the_shells_of_the_benchmark_are_the_thesis_s():

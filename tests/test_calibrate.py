@@ -185,6 +185,7 @@ def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
     np.testing.assert_allclose(np.nanstd(draws, axis=0), white, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_a_product_is_named_and_a_tension_test_parts_it(noisy):
     """The free membrane knows only mu t_m: p = mu t_m / a f(angle). Tension knows mu alone."""
     scene = sg.shell.Free(shell(150 * kPa))
@@ -242,6 +243,7 @@ def test_mu_tuned_in_free_space_predicts_the_force():
     assert 120 * kPa < found.x[0] < 175 * kPa
 
 
+@pytest.mark.slow
 def test_wrong_units_are_asked_about(noisy):
     def said(x, y):
         return implausible(Fitting({"free": sg.shell.Free(shell())}, [MU], [free_curve(y, x=x)]))

@@ -238,6 +238,7 @@ def test_preambles_and_separators_do_no_harm(tmp_path):
     assert notes == []
 
 
+@pytest.mark.slow
 def test_a_tension_test_names_its_material(tmp_path, capsys):
     folder = tmp_path
     text = (ROOT / "configs" / "calibrate_tension.toml").read_text()

@@ -130,6 +130,7 @@ def test_geometries_that_no_fit_has_seen_are_those_of_finite_elements(sizes):
         assert seen["contact_force"] == pytest.approx(force, abs=of_force * push)
 
 
+@pytest.mark.slow
 def test_a_free_finger_ends_where_its_cells_carry_nothing_more():
     """All its cells end at one pressure: where the largest moment over the curvature is zero."""
     made = dataclasses.replace(finger("A"), a=7 * mm, b=8 * mm, h_x=0.73 * mm, t_m=0.9 * mm, H=6.1 * mm, L=60 * mm)
@@ -274,6 +275,7 @@ def test_another_integrator_finds_the_same_finger():
     assert sg.pneunet.shooting_error(solved(held(), 10 * kPa)) < 1e-3
 
 
+@pytest.mark.slow
 def test_derivatives_of_the_held_finger_are_those_of_differences():
     def force(pressure):
         return solved(held(), pressure).tip_force
@@ -290,6 +292,7 @@ SNAPPING = [
 """mm: chambers near the clamp of these fingers snap one after the other, from 30.7, 17.7 and 25.0 kPa on."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sizes", SNAPPING)
 def test_limit_points_that_follow_close_on_each_other_are_seen(sizes):
     """No state is OK beyond the largest pressure, and none below it is lost: small steps all the way from rest
@@ -360,6 +363,7 @@ def test_a_loop_under_heavy_loads_is_not_the_state():
     assert solved(scene, 10.54 * kPa).status == sg.Status.BEYOND_LIMIT
 
 
+@pytest.mark.slow
 def test_a_free_finger_that_its_load_buckles_is_not_ok():
     """At its tip it is pushed along by 4 EI / L^2; Newton's method from rest finds a state that the path does not."""
     made = finger("A")
@@ -374,6 +378,7 @@ def test_a_free_finger_that_its_load_buckles_is_not_ok():
             np.testing.assert_allclose(state.unknowns, followed.u[:-1], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_light_finger_that_has_curled_up_tells_where_it_did():
     """Newton's method arrives at a state beyond two whole turns: the end of the model is before it."""
     long = sg.pneunet.Free(dataclasses.replace(finger("A"), L=200 * mm), drive="cell", weight=(0.01, 0.0))
@@ -385,6 +390,7 @@ def test_a_light_finger_that_has_curled_up_tells_where_it_did():
     assert 0.99 * 4 * np.pi < before.tip_angle < 4 * np.pi
 
 
+@pytest.mark.slow
 def test_stiffnesses_between_places_near_each_other_are_slopes_of_the_moment():
     section = law.cell_section(finger("A"), jnp.asarray(26 * kPa))
     places, force = jnp.linspace(-0.3, 0.2, 5001), jnp.asarray(-0.02)
@@ -498,6 +504,7 @@ def _check_solid(one, X):
     assert one.cavity(X * stretch) == pytest.approx(box, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_the_force_fades_smoothly_where_walls_lose_contact():
     one = law.cell_of(finger("A"), jnp.asarray(7 * kPa))
     k = jnp.linspace(-0.3, 1.8, 25)

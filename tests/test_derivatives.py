@@ -28,6 +28,7 @@ def test_forward_reverse_and_differences_agree(case: Case):
 TWICE = [pytest.param(case, marks=pytest.mark.slow) if case.slow else case for case in CASES if case.name in INVERSE]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TWICE, ids=str)
 def test_inverse_and_limit_can_be_differentiated_twice(case: Case):
     check(*relative(case, inverse=True))
@@ -86,6 +87,7 @@ def lane_force(shared, lane):
     return jnp.stack([solution.force, solution.height, solution.security]), solution.status
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("material", ["neo", "gent", "ogden"])
 def test_lanes_without_a_solution_pass_no_gradient_and_spoil_none(material):
     lanes = jnp.asarray([lane[:5] for lane in LANES.values()])
@@ -123,6 +125,7 @@ def test_lanes_without_a_solution_pass_no_gradient_and_spoil_none(material):
         np.testing.assert_allclose(mixed, pure, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_inverse_and_limit_pass_no_gradient_where_there_is_none():
     # A force that no pressure reaches, one that is reached, one that needs no contact, and an impossible shell.
     thickness = jnp.asarray([1.1 * mm, 1.1 * mm, 1.1 * mm, -1.0])

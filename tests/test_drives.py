@@ -115,6 +115,7 @@ def problem():
     return Problem(space, [Goal("maximise", force)], [Limits(Quantity("pressure", 15 * kPa, "held"), high=20 * kPa)])
 
 
+@pytest.mark.slow
 def test_designs_are_reported_by_the_other_drive(problem):
     beside = by_other_drive(problem, [np.array([5 * mm]), np.array([4.5 * mm])])
     assert [label for label, _ in beside.rows(problem)] == [
@@ -128,6 +129,7 @@ def test_designs_are_reported_by_the_other_drive(problem):
     assert beside.reasons == [[], []]
 
 
+@pytest.mark.slow
 def test_designs_without_a_state_are_compared_at_a_lower_pressure():
     """The thin one snaps at a pressure below 31 kPa by the cell law: both are reported where both have a state."""
     space = Space({"held": held(points=16)}, [Variable("finger.H", 3 * mm, 6 * mm)])
@@ -170,6 +172,7 @@ def test_both_drives_in_a_config(config, forces):
     assert float(at.shortfall) == 0
 
 
+@pytest.mark.slow
 def test_a_search_takes_no_state_beyond_a_limit_point_for_an_answer():
     """Chambers of this finger snap one by one; from a thicker one Newton's method leads over the first snaps."""
     snapping = sizes() | {"a": 5.653 * mm, "h_x": 0.806 * mm, "t_m": 1.485 * mm, "L": 60.015 * mm, "H": 4.6 * mm}
@@ -192,6 +195,7 @@ def test_shells_have_no_two_drives():
         by_both_drives(space, [Goal("maximise", Quantity("inflation", 15 * kPa, "free"))], [])
 
 
+@pytest.mark.slow
 def test_a_scene_of_ones_own_is_not_replaced_by_a_twin():
     """Its name may end as those of twins do: it is compared like any other, and no twin takes its place."""
     force = Quantity("tip_force", 15 * kPa, "held" + SUFFIX)

@@ -49,6 +49,7 @@ def test_force_on_a_plane_against_finite_elements():
     assert np.max(np.abs(error)) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("across", "along"), [(4, 6), (6, 6)])
 def test_a_thick_wall_bends(across, along):
     wall = sg.FlatShell(a=5 * mm, b=8 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=136 * kPa))
@@ -156,6 +157,7 @@ def test_a_mesh_of_triangles_rises_as_high():
     assert abs(float(sg.solve(scene, pressure).inflation) / limit - 1) < 0.005
 
 
+@pytest.mark.slow
 def test_more_polynomials_have_less_energy():
     energies = []
     for n in (1, 2, 3):
@@ -209,6 +211,7 @@ def test_contact_hardly_depends_on_the_layer(monkeypatch):
     np.testing.assert_allclose(other.force, usual.force, rtol=5e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("obstacle", "pressure", "limit", "within"),
     [
@@ -290,6 +293,7 @@ def test_a_map_keeps_an_even_pressure_and_its_mirror_image(symmetry):
     assert np.corrcoef(shares @ pressed, np.abs(points[:, 1]))[0, 1] > 0.9
 
 
+@pytest.mark.slow
 def test_symmetry_is_a_shortcut():
     plane = Plane(5 * mm)
     full, half = (sg.solve(small(plane, symmetry=symmetry), 12 * kPa) for symmetry in ("none", "both"))
@@ -298,6 +302,7 @@ def test_symmetry_is_a_shortcut():
     assert abs(float(full.moment_x)) < 1e-10
 
 
+@pytest.mark.slow
 def test_a_square_does_not_know_its_sides():
     square = {"a": 16 * mm, "b": 16 * mm}
     along = Cylinder(20 * mm, 4 * mm, offset_x=3 * mm, heading=np.pi / 2)
@@ -310,6 +315,7 @@ def test_a_square_does_not_know_its_sides():
     np.testing.assert_allclose(one.moment_y, -two.moment_x, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_function_of_the_user_is_an_obstacle():
     def tub(place, radius):
         return jnp.linalg.norm(place - jnp.array([0.0, 0.0, 1.0]) * (radius + 4 * mm)) - radius

@@ -23,6 +23,7 @@ def grasp(**changed) -> sg.Scene:
     return sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, model="energy", **given)
 
 
+@pytest.mark.slow
 def test_security_and_tilt_resistance_are_integrals_over_the_map():
     """The normal force and the moment of friction, summed in NumPy over the map of the contact pressure."""
     solution = sg.solve(grasp(), 15 * kPa)
@@ -105,6 +106,7 @@ def test_a_plane_that_leans_by_nothing_is_a_plane():
         assert 0.85 < float(whole / (2 * half)) < 1.25
 
 
+@pytest.mark.slow
 def test_a_known_scene_may_be_solved_under_jit():
     """Its symmetry is looked for in known numbers, though the pressure is traced."""
     plane = sg.shell.obstacles.Plane(5 * mm)

@@ -40,6 +40,7 @@ def test_a_process_that_has_ended_says_so_and_another_one_begins(ahead):
     assert len(ahead._asked) == 1
 
 
+@pytest.mark.slow
 def test_a_program_is_read_and_one_that_runs_long_is_compiled_again(tmp_path):
     """In a process like that of `softgrip explore`, from an empty folder of programs: the curve comes from the process
     beside it (XLA compiles nothing large here), answers are those of the library, and the improved program is used."""

@@ -73,6 +73,7 @@ def shows(page, k, begins):
     return float(box(page, k).input_value())
 
 
+@pytest.mark.slow
 def test_a_slider_by_keyboard_redraws(page):
     """Times by the browser's own clock are printed; the slowest machine has to answer within two seconds."""
     page.evaluate("document.addEventListener('keydown', () => { window.begun = performance.now(); }, true)")
@@ -87,6 +88,7 @@ def test_a_slider_by_keyboard_redraws(page):
     assert float(box(page, 0).input_value()) < 15
 
 
+@pytest.mark.slow
 def test_a_key_that_was_under_way_means_what_the_hand_saw(own):
     """The curve has given the pressure another range; a place on the range before still means what it meant."""
     _, shown = own
@@ -132,6 +134,7 @@ def test_a_state_that_is_none_leaves_picture_and_numbers_of_the_last_one(page):
     assert page.locator(".bk-Figure canvas").count() > 0
 
 
+@pytest.mark.slow
 def test_a_picture_is_grey_while_it_is_of_another_state(page):
     """Nonsense and a state that is none leave the last good picture in grey; the next state has its colours."""
     greys = """() => { const seen = []; const walk = (node) => { for (const one of node.querySelectorAll('*')) {
@@ -148,6 +151,7 @@ def test_a_picture_is_grey_while_it_is_of_another_state(page):
         page.wait_for_function(f"({greys})() == 0", timeout=20_000)
 
 
+@pytest.mark.slow
 def test_the_task_of_a_config_stays_until_a_hand_ends_it(browser):
     """Its point on the curve is put there by the page: that is no drag."""
     scene = configs.load("configs/shell_grasp.toml").scene
@@ -168,6 +172,7 @@ def test_the_task_of_a_config_stays_until_a_hand_ends_it(browser):
     served.stop()
 
 
+@pytest.mark.slow
 def test_two_browsers_have_sliders_of_their_own(page, browser, address):
     other = browser.new_page()
     other.goto(address)
@@ -179,6 +184,7 @@ def test_two_browsers_have_sliders_of_their_own(page, browser, address):
     other.close()
 
 
+@pytest.mark.slow
 def test_it_fits_a_telephone(page):
     page.set_viewport_size({"width": 390, "height": 844})
     page.wait_for_timeout(500)
@@ -405,6 +411,7 @@ def test_every_slider_goes_to_both_ends(page):
     page.get_by_text("15 kPa", exact=False).first.wait_for(timeout=10_000)
 
 
+@pytest.mark.slow
 def test_a_pin_is_compared(page):
     open_tab(page, "Pins")
     press(page, "pin this design")

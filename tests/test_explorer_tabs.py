@@ -151,6 +151,7 @@ def test_a_search_of_nothing_is_told(page):
     assert not page.threads
 
 
+@pytest.mark.slow
 def test_a_search_keeps_another_observable_within_a_bound(page, monkeypatch):
     """The largest force that has a contact no wider than 12 mm: the bound decides, and the best lies on it."""
     monkeypatch.setattr("optim.tabs.search.STEPS", 60)
@@ -193,6 +194,7 @@ def measured(mu=160 * kPa, unit="kPa"):
     return f"# a test\nrig 3\npressure_{unit};force (N)\n{rows}\n", pressures, forces
 
 
+@pytest.mark.slow
 def test_a_calibration_from_text_is_that_of_optim(page):
     text, pressures, forces = measured(unit="mbar")
     tab = CalibrateTab(page)

@@ -86,6 +86,7 @@ def test_the_limit_is_where_the_model_ends(name):
     assert int(near.reason[1]) == why
 
 
+@pytest.mark.slow
 def test_a_heavy_finger_rolls_up_too():
     """The beam with weight, which knows no closed form: at its limit the tip has turned twice."""
     scene = sg.pneunet.Free(pneunet(TYPE_A), inclination="none", points=8)

@@ -30,6 +30,7 @@ def random_contacts(rng):
     return stacked(cases)
 
 
+@pytest.mark.slow
 def test_random_fingers_are_solved_up_to_their_limits_and_not_beyond():
     """The limit is found by following each path to its fold, a state by following it to a pressure: they must agree."""
     rng = np.random.default_rng(11)
@@ -81,6 +82,7 @@ def test_a_gap_that_closes_takes_the_moment_with_it():
     np.testing.assert_allclose(found["tip_force"][1] / found["tip_force"][2], 1e-3, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_soft_and_heavy_finger_hangs_past_vertical():
     """mu 80 kPa under 6 N/m, w L^3 / EI = 41: weight alone turns the tip down."""
     f = TYPE_A | {"mu": 0.08}
@@ -132,6 +134,7 @@ def test_a_correction_that_comes_back_from_far_away_is_no_point_of_the_path():
     np.testing.assert_allclose(found["tip"][0], end[2:], rtol=0, atol=1e-7 * f["L"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mu", [0.016, 0.012])
 def test_very_heavy_finger_is_a_boundary_layer_at_the_clamp(mu):
     """w L^3 / EI = 205 and 274: the finger hangs down from a bend of 5 mm whose moment is 0.39 and 0.43 mu B H^2; no

@@ -28,6 +28,7 @@ def grasp(radius=18.0, mass=26.0, **options):
     return sg.pneunet.Grasp(gripper, thing, **options)
 
 
+@pytest.mark.slow
 def test_a_grasp_never_pulls():
     """Below contact_pressure the force is exactly zero, above it rises; SciPy's beam is free of force there."""
     scene = grasp()
@@ -86,6 +87,7 @@ def test_every_failure_says_why():
     np.testing.assert_allclose(detail["too heavy"], (2 - stretch) * 77e-3, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_share_of_a_load_that_can_be_held_is_where_scipy_ends():
     (offset, pull, weight, _), *_ = CASES["snaps"]
     share = limits_of([CASES["snaps"][0]])[2][0]
@@ -122,6 +124,7 @@ def test_shooting_does_not_cry_wolf():
         assert float(sg.pneunet.shooting_error(dataclasses.replace(solution, unknowns=wrong))) > 1e-4
 
 
+@pytest.mark.slow
 def test_loads_in_proportion_to_the_pressure():
     """A light finger arrives at the same state on either way; a heavy one that stands on its head is held by pressure
     only: its weight alone makes it buckle."""

@@ -97,6 +97,7 @@ def grasps():
     ])  # fmt: skip
 
 
+@pytest.mark.slow
 def test_pressure_for_a_mass_and_mass_for_a_pressure():
     """Thesis table 6.3 and its model, solved apart from this code (kPa, to the digits that are known).
 

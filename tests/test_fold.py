@@ -121,6 +121,7 @@ def same_as_ramped_from_zero(cases, limits, solutions, columns):
             assert solutions.tip_angle[i, k] == pytest.approx(-end[0], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_tip_offsets_up_to_the_limit_stay_on_the_branch_from_zero():
     cases = [(kind, offset) for kind in "AD" for offset in (-20.0, -10.0, 0.0, 10.0, 20.0)]
     limits, solutions = check_branch_from_zero(cases)
@@ -137,6 +138,7 @@ def test_every_tip_offset_of_every_type_is_the_end_of_a_ramp_from_zero(kind):
     same_as_ramped_from_zero(cases, *check_branch_from_zero(cases), columns=[4, 7])
 
 
+@pytest.mark.slow
 def test_branch_shows_the_fold_and_what_is_behind_it():
     cases = [(kind, offset) for kind in TYPES for offset in (-20.0, -10.0, 0.0, 10.0, 20.0)]
     scenes = [dataclasses.replace(contact(TYPES[kind], "exact", offset=offset), points=24) for kind, offset in cases]

@@ -82,6 +82,7 @@ def test_the_state_next_door_is_the_one_along_the_whole_way(case):
         assert slope == pytest.approx(float(derivative), rel=1e-5)  # the Jacobian is that of the last but one point
 
 
+@pytest.mark.slow
 def test_the_slope_is_exact_where_the_state_is_known_already(case):
     *_, known = case.near(A, case.known(A))
     value, slope, good, _ = case.near(A, known)
@@ -125,6 +126,7 @@ def test_scenes_of_one_unknown_have_no_need_of_it():
     )
 
 
+@pytest.mark.slow
 def test_the_limit_point_next_door_is_the_one_along_the_whole_way():
     """With its slope, which is that of `limit_pressure`."""
 

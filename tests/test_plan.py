@@ -92,6 +92,7 @@ def test_a_plan_knows_twice_as_much_as_even_spacing_does(plan):
     np.testing.assert_allclose(plan.steps()[0], 1.96 * SPREADS, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_numbers_that_go_together_are_named_with_the_cheapest_that_parts_them(plan):
     first = plan.open[0]
     assert first.measurement == "free inflation"
@@ -227,6 +228,7 @@ def product(draws):
     return draws[:, 0] * draws[:, 1] / (175 * kPa * 1.1 * mm)
 
 
+@pytest.mark.slow
 def test_a_yield_of_parts_is_that_of_the_closed_form(casting):
     """A part is good where mu t_m (1 + 0.05 z) is at least WEAKEST of what is drawn, z standard normal."""
     draws = np.array([175 * kPa, 1.1 * mm]) * np.exp(SPREADS * np.random.default_rng(0).normal(size=(6, 2)))

@@ -187,6 +187,7 @@ def points_of(text):
     return found
 
 
+@pytest.mark.slow
 def test_what_has_no_state_is_not_drawn(tmp_path):
     """A curve that goes on where the scene cannot exist: its values are missing, not zero; reasons are sentences."""
     page = tmp_path / "curve.html"

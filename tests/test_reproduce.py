@@ -99,6 +99,7 @@ def test_overshoots_are_more_than_nothing_and_two_steps_at_most():
     assert list(finger_rows.overshoots(printed, np.array([25.9, 26.0, 27.9, 28.0]) * kPa)) == [False, True, True, False]
 
 
+@pytest.mark.slow
 def test_a_finger_of_equal_segments_is_the_uniform_one():
     """What lets uniform and nonuniform fingers share a program; without weight, where both are arcs."""
 
@@ -167,6 +168,7 @@ def test_a_curve_by_the_cell_law_ends_where_its_limit_point_is(held_by_cell):
     assert set(curve.reason_text()) == {"solved", end.reason_text()[0]}
 
 
+@pytest.mark.slow
 def test_a_grasp_by_the_cell_law_is_a_held_tip_that_carries_its_load():
     """Table 6.3: at the pressure of the row the tips of a finger alone, pulled by a third of the weight, press as hard
     as friction needs."""

@@ -251,6 +251,7 @@ def held():
     return jax.jit(jax.vmap(jax.value_and_grad(margin, has_aux=True)))(changes, scenes, pressures)
 
 
+@pytest.mark.slow
 def test_chambers_of_blocked_fingers_by_their_corners(held):
     (margin, solutions), _ = held
     for k, (kind, _, change) in enumerate(CASES):

@@ -108,6 +108,7 @@ def test_a_finger_is_solved_from_the_nearest_one():
     assert len(evaluate.states[0].at) == 41  # the first one is solved along the whole way, and then again from there
 
 
+@pytest.mark.slow
 def test_beyond_a_limit_point_a_finger_says_how_far():
     """From the limit points of others, as `Problem.compiled` says it with derivatives of the whole way."""
     finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
@@ -129,6 +130,7 @@ def test_beyond_a_limit_point_a_finger_says_how_far():
     assert np.all(found.value_slopes[lost][np.isnan(found.values[lost])] == 0)
 
 
+@pytest.mark.slow
 def test_a_task_out_of_reach_says_so_without_limit_points():
     """A state whose pressure is sought lies beyond no pressure: nothing is followed, and nothing fails."""
     finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())

@@ -116,6 +116,7 @@ def test_slender_finger_under_tension_is_cut_into_segments():
     np.testing.assert_allclose(ours.tip_force, other.tip_force, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_too_few_equal_steps_are_said():
     bent = contact(TYPE_A, "exact", 0.0, 0.3, (0.0, -6e-3))
     scene = replace(bent, beam=Shooting(diffrax.Heun(), steps=2))

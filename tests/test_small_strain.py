@@ -37,6 +37,7 @@ def pushed(scene):
     return dataclasses.replace(scene, drive="small_strain")
 
 
+@pytest.mark.slow
 def test_held_fingers_are_those_of_scipy():
     loads = [{}, {"weight": (0.0, -0.002), "offset": -5.0}, {"pull": 0.1}]
     pressures = [0.002, 0.015, 0.031]
@@ -63,6 +64,7 @@ def test_free_fingers_are_those_of_scipy():
         np.testing.assert_allclose(found["tip"][k], end[2:], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_segments_touch_one_after_the_other():
     """Gaps of 0.9 and 0.6 mm: at 0.5 kPa the second segment pushes alone."""
     gaps = np.array([0.9, 0.6])
@@ -102,6 +104,7 @@ def test_a_gapless_finger_pushes_from_the_first_pressure_on():
     )
 
 
+@pytest.mark.slow
 def test_the_fold_is_at_the_same_moment_as_by_the_thesis():
     """A held finger folds where the moment on its cover is too large, whatever makes that moment."""
     moments = []
@@ -114,6 +117,7 @@ def test_the_fold_is_at_the_same_moment_as_by_the_thesis():
     assert moments[0] == pytest.approx(float(moments[1]), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pressure", [15 * kPa, 1.01 * CONTACT * 1e6], ids=["beyond", "in the step"])
 def test_derivatives(pressure):
     def force(x):
