@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,7 +71,7 @@ def test_pages_say_what_the_tables_say(tmp_path, monkeypatch):
 
     folder = shutil.copytree(FOLDER, tmp_path / "benchmarks")
     for name in ("speed-and-error.md", "hard-cases.md"):
-        copy = shutil.copy(ROOT / "docs" / name, tmp_path)
+        copy = Path(shutil.copy(ROOT / "docs" / name, tmp_path))
         page.write_page(copy, folder)
         assert copy.read_text(encoding="utf-8") == (ROOT / "docs" / name).read_text(encoding="utf-8")
         monkeypatch.setattr(page.pictures, "draw", lambda *_: None)  # the pictures are the same for both
