@@ -99,10 +99,6 @@ SISTERS = {
     "cad": [
         "test_plates_hold_every_printed_piece_once[bed1]",
     ],
-    "cell": [
-        "test_a_held_finger_that_hangs_or_stands_has_a_state[-1.0]",
-        "test_newtons_method_is_believed_where_no_chamber_has_snapped_and_nowhere_else[sizes0-22.733-False]",
-    ],
     "chamber": [
         "test_any_strain_energy[MooneyRivlin]",
         "test_any_strain_energy[Gent]",
@@ -160,9 +156,6 @@ SISTERS = {
     ],
     "nearby": [
         "test_the_state_next_door_is_the_one_along_the_whole_way[required]",
-    ],
-    "rules": [
-        "test_a_broken_part_is_impossible_in_words_and_may_be_ignored[free-walls_fit]",
     ],
 }
 """Slow, too: other cases of the same test are in `make test`, these in `make test-all` alone."""

@@ -53,7 +53,7 @@ EDITS = {
     "sections in a list": ("[scene]\n", "[[scene]]\n", "; it must be a section, [scene]."),
     "no type of scene": ('type = "shell.Grasp"\n', "", "the key type is missing; it must be one of"),
     "unknown scene": ("shell.Grasp", "shell.Graps", "type is 'shell.Graps'; did you mean 'shell.Grasp'?"),
-    "far-off scene": ("shell.Grasp", "banana", "type is 'banana'; it must be one of 'shell."),
+    "far-off scene": ("shell.Grasp", "banana", "type is 'banana'; it must be one of '"),
     "scene type as number": ('"shell.Grasp"', "7", "type is 7; it must be one of"),
     "abstract scene": ("shell.Grasp", "shell.ShellScene", "type is 'shell.ShellScene'"),
     "unknown key": ("gap_mm = 5", "gap_mm = 5\ncolour = 3", "there is no key colour of shell.Grasp; allowed are"),

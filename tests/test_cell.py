@@ -335,6 +335,7 @@ LOST = [
 chamber has snapped."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sizes", "pressure", "beyond"), LOST)
 def test_newtons_method_is_believed_where_no_chamber_has_snapped_and_nowhere_else(sizes, pressure, beyond):
     made = dataclasses.replace(finger("A"), **{name: value * mm for name, value in sizes.items()})
@@ -412,6 +413,7 @@ def test_loads_that_come_first_are_no_kink_on_the_way(offset):
     assert first.tip_force == pytest.approx(float(together.tip_force), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("along", [-1.0, 2.0])
 def test_a_held_finger_that_hangs_or_stands_has_a_state(along):
     """The whole finger is straight at first, where its rims just begin to press."""

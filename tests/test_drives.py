@@ -158,6 +158,7 @@ def test_both_drives_double_the_scenes_and_the_constraints(problem):
     assert [float(scene.finger.H) for scene in moved.values()] == pytest.approx([4.2 * mm] * 2)
 
 
+@pytest.mark.slow
 def test_both_drives_in_a_config(config, forces):
     config.write_text(CONFIG.format(drive='drive = "both"'))
     problem = settings.read(configs.load(config)).problem

@@ -72,6 +72,7 @@ def search_tab(page, starts=8):
 # --- search -----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_search_finds_what_optim_finds(page, monkeypatch):
     monkeypatch.setattr("optim.tabs.search.STEPS", 12)
     tab = search_tab(page)

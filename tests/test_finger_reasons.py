@@ -162,6 +162,7 @@ def test_a_tip_that_only_leans_does_not_pull():
     assert "would have to be pulled" in press.reason_text()
 
 
+@pytest.mark.slow
 def test_free_fingers_say_why():
     arcs = sg.pneunet.Free(pneunet(TYPE_A), weight=(0.0, 0.0), inclination="none")
     closed = sg.solve(arcs, 600 * kPa)

@@ -69,7 +69,7 @@ def test_parts_have_margins_in_every_scene_of_a_finger(scene):
 
 
 @pytest.mark.parametrize("rule", BROKEN_PARTS)
-@pytest.mark.parametrize("scene", ["free", "linear", "chamber"])
+@pytest.mark.parametrize("scene", [pytest.param("free", marks=pytest.mark.slow), "linear", "chamber"])
 def test_a_broken_part_is_impossible_in_words_and_may_be_ignored(scene, rule):
     changed, margin, words = BROKEN_PARTS[rule]
     broken = SCENES[scene](finger(**changed))
@@ -325,6 +325,7 @@ def check_grasp(solution, scene, touch):
     np.testing.assert_allclose(solution.tip_angle, abs(theta), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_grasps_by_their_outlines_and_by_scipy():
     """Fingers of radius 19.61 mm around 36 mm; around 60 mm; three fingers 20 mm wide around 8 mm."""
     scenes = [
