@@ -77,11 +77,15 @@ def test_pages_say_what_the_tables_say(tmp_path, monkeypatch):
         monkeypatch.setattr(page.pictures, "draw", lambda *_: None)  # the pictures are the same for both
 
 
+def rows_of(name):
+    with (FOLDER / f"{name}.csv").open(encoding="utf-8") as lines:
+        return list(csv.DictReader(lines))
+
+
 @pytest.mark.parametrize(("model", "column"), [("arc", "thesis_model"), ("energy", "better_model")])
 def test_reports_say_what_the_table_of_models_says(model, column):
     """The sentences beside the numbers of shells hold the smallest and the largest error of the table, in percent."""
-    with (FOLDER / "models.csv").open(encoding="utf-8") as lines:
-        rows = list(csv.DictReader(lines))
+    rows = rows_of("models")
     for sentence, quantity in (
         (model_error.FREE[model], "shell, free: inflation"),
         (model_error.PLANE[model], "shell on a plane: force"),
@@ -99,6 +103,41 @@ def test_reports_say_what_the_table_of_models_says(model, column):
         if "within" not in sentence:
             assert said[0] == round(min(map(abs, errors)), digits)
             assert {error > 0 for error in errors} == {"more" in sentence}
+
+
+def errors_of_models():
+    """What the tables of the benchmark say, in percent, by the first words of a row and its model."""
+    models = {(row["quantity"], row["at"]): row for row in rows_of("models")}
+    drives = {row["model"]: row for row in rows_of("drives")}
+    for model, column in (("arcs", "thesis_model"), ("energy membrane", "better_model")):
+        for words, quantity, places in (
+            ("shell 32 x 86 x 1.1 mm, free: inflation", "shell, free: inflation", ("5", "15")),
+            ("the same: largest pressure", "shell, free: largest pressure", ("",)),
+            ("the same, on a plane 5 mm away: force", "shell on a plane: force", ("5", "10", "15", "20")),
+            ("chamber wall on its neighbour: force", "chamber wall on its neighbour: force", ("28", "31")),
+        ):
+            if (words[:7], model) != ("chamber", "energy membrane"):  # another row, from 10 kPa on
+                found = [models[quantity, at] for at in places]
+                yield words, model, [100 * (float(row[column]) / float(row["finite_elements"]) - 1) for row in found]
+    for drive, model in (("thesis", "arcs, the thesis's"), ("cell", "cell law")):
+        for words, key in (("moment of the straight segment", "moment"), ("tip force", "force")):
+            errors = [float(drives[model][f"{key}_{p}_kPa"]) for p in (5, 15, 31)]
+            yield f"finger type A: {words}", f'`drive="{drive}"`', errors
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/limits.md"])
+def test_errors_of_the_models_are_those_of_the_tables(page):
+    """Every row whose numbers a table has says them, rounded to the digits that it shows."""
+    said, quantity = {}, ""
+    for line in (ROOT / page).read_text(encoding="utf-8").splitlines():
+        if line.startswith("|") and line.count("|") == 4:
+            first, model, difference = (cell.strip() for cell in line.strip("|").split("|"))
+            quantity = first or quantity
+            said[quantity, model] = re.findall(r"[-+]?\d+(?:\.\d+)?", difference)
+    for words, model, errors in errors_of_models():
+        [numbers] = [value for (quantity, of), value in said.items() if quantity.startswith(words) and of == model]
+        digits = [len(number.partition(".")[2]) for number in numbers]
+        assert [float(n) for n in numbers] == [round(e, d) for e, d in zip(errors, digits, strict=True)], words
 
 
 def test_the_shells_of_the_benchmark_are_the_thesis_s():
