@@ -237,6 +237,7 @@ def test_columns_fit_the_page(width):
     assert found[2] > found[1] > found[0] > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bed", [[300.0, 300.0, 250.0], [130.0, 75.0, 60.0]])
 def test_plates_hold_every_printed_piece_once(bed, shell, tmp_path):
     """No two pieces overlap, none stands over the edge, and the file holds what was laid out."""

@@ -225,6 +225,7 @@ def test_specimens_are_fitted_alone():
     )
 
 
+@pytest.mark.slow
 def test_mu_tuned_in_free_space_predicts_the_force():
     """Finite elements (FElupe 11.3, see configs/data): tuned, the force is nearer than with the elements' own mu."""
     from conftest import ROOT

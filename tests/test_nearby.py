@@ -95,6 +95,7 @@ def test_the_slope_is_exact_where_the_state_is_known_already(case):
     assert slope == pytest.approx(float(difference), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_another_sign_of_the_determinant_is_no_answer(case):
     *_, good, known = case.near(A, case.known(A))
     assert good

@@ -120,6 +120,7 @@ def closed_forms(x, measured):
     return jnp.stack(found)
 
 
+@pytest.mark.slow
 def test_intervals_are_those_of_simulated_fits(plan):
     """Numbers drawn from what is known, data with noise, and SciPy's fit of both: 300 times."""
     measured = [

@@ -145,6 +145,7 @@ def test_inclination_has_no_part_in_it_and_the_root_has():
     assert whole.end_moment / sg.solve(scene, 15 * kPa).end_moment == pytest.approx(np.sqrt(6 / 1.8), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_other_methods_find_the_same_finger():
     usual = sg.solve(HELD(A, drive="small_strain"), 20 * kPa).tip_force
     shot = sg.solve(HELD(A, drive="small_strain", beam=sg.pneunet.Shooting()), 20 * kPa)
@@ -153,6 +154,7 @@ def test_other_methods_find_the_same_finger():
     assert together.tip_force == pytest.approx(float(usual), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_gripper_from_a_config(tmp_path):
     """Each finger is a held one that carries its third of the object."""
     text = (ROOT / "configs" / "finger_grasp.toml").read_text(encoding="utf-8")

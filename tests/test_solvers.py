@@ -68,6 +68,7 @@ def test_a_finger_by_every_solver():
     assert np.isnan(found[2].tip_force)
 
 
+@pytest.mark.slow
 def test_states_behind_a_limit_have_no_certificate():
     """Equilibria under volume control, unstable under pressure: they solve the equations, and are no answer."""
     scene = finger()
