@@ -53,7 +53,6 @@ EDITS = {
     "sections in a list": ("[scene]\n", "[[scene]]\n", "; it must be a section, [scene]."),
     "no type of scene": ('type = "shell.Grasp"\n', "", "the key type is missing; it must be one of"),
     "unknown scene": ("shell.Grasp", "shell.Graps", "type is 'shell.Graps'; did you mean 'shell.Grasp'?"),
-    "far-off scene": ("shell.Grasp", "banana", "type is 'banana'; it must be one of '"),
     "scene type as number": ('"shell.Grasp"', "7", "type is 7; it must be one of"),
     "abstract scene": ("shell.Grasp", "shell.ShellScene", "type is 'shell.ShellScene'"),
     "unknown key": ("gap_mm = 5", "gap_mm = 5\ncolour = 3", "there is no key colour of shell.Grasp; allowed are"),
@@ -308,6 +307,16 @@ def check_edit(good, edit, tmp_path, capsys):
     assert sentence.startswith(f"{path}")
     assert says in sentence
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_far_off_scene_is_told_which_there_are(tmp_path, capsys):
+    """Those of the package, in whatever place: scenes that other tests have defined stand among them."""
+    path = tmp_path / "bad.toml"
+    path.write_text(GOOD.replace("shell.Grasp", "banana", 1), encoding="utf-8")
+    sentence = told(["solve", path], capsys)
+    assert sentence.startswith(f"{path}, [scene]: type is 'banana'; it must be one of '")
+    named = re.findall(r"'([\w.]+)'", sentence.partition("it must be one of ")[2])
+    assert {"shell.Free", "shell.Grasp", "pneunet.TipContact", "pneunet.Grasp"} <= set(named)
 
 
 @pytest.mark.parametrize("name", EDITS)

@@ -208,7 +208,7 @@ def as_material(m):
 
 @pytest.mark.parametrize("name", ["yeoh", "gent", "ogden", "mooney"])
 def test_random_materials_find_the_first_crossing(name):
-    n = 600
+    n = 2000
     rng = np.random.default_rng(7)
     p = shells(rng, n)
     p["material"] = m = random_materials(rng, n)[name]

@@ -125,7 +125,7 @@ def test_vanishing_weight_is_the_closed_form():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("segments", [1, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("segments", [1, 6])
 def test_collocation_meets_diffrax_geometrically(segments):
     """Against adaptive shooting by diffrax from the clamp, with the moment and the force there from the solution."""
     f = TYPE_A if segments == 1 else per_segment(TYPE_A, segments, b=np.linspace(8.0, 9.0, segments))
