@@ -371,8 +371,10 @@ class Problem:
         def each(t, solutions):
             return tuple(known_state(at, s, t) for (_, at), s in zip(self.followed, solutions, strict=True))
 
-        t, chosen = jnp.asarray(t), tuple(of[state] for state in self.followed)
-        return jax.vmap(each)(t, chosen) if chosen[0].status.ndim else each(t, chosen)
+        chosen = tuple(of[state] for state in self.followed)
+        if not chosen[0].status.ndim:
+            return each(jnp.asarray(t), chosen)
+        return self._programs.setdefault("known", jax.jit(jax.vmap(each)))(t, chosen)
 
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import AT_REST, MARGINS, Observed, Quantity, State, rules_at, rules_at_rest
+from softgrip_jax.quantities import AT_REST, MARGINS, Observed, Quantity, State, all_rules, rules_at_rest
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
@@ -57,7 +57,7 @@ def rules_of(scenes: dict[str, Scene], states: Iterable[tuple[str, State]]) -> l
     known = {(q.scene, q.rule) for q in rules}
     for name, at in states:
         if at is not None and at != AT_REST:
-            bent = [rule for rule in rules_at(scenes[name], at) if (name, rule) not in known]
+            bent = [rule for rule in all_rules(scenes[name]) if (name, rule) not in known]
             rules += [Quantity(MARGINS + rule, at, name) for rule in bent]
     return rules
 

@@ -216,9 +216,15 @@ def rules_at_rest(scene: Scene) -> tuple[str, ...]:
     return _in_order(jax.eval_shape(lambda scene: scene.prepared().margins_at_rest(), scene))
 
 
-def rules_at(scene: Scene, at: State) -> tuple[str, ...]:
-    """Names of all rules that a state of a scene keeps, those of its undeformed parts among them; nothing is solved."""
-    return _in_order(jax.eval_shape(lambda scene: solution_at(scene, at).margins, scene))
+def all_rules(scene: Scene) -> tuple[str, ...]:
+    """Names of all rules that the states of a scene keep, and its undeformed parts; nothing is solved."""
+
+    def margins(scene: Scene) -> dict[str, Scalar]:
+        scene = scene.prepared()
+        unknowns, pressure = jnp.zeros(scene.unknown_shape()), jnp.asarray(0.0)
+        return scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
+
+    return _in_order(jax.eval_shape(margins, scene))
 
 
 def _in_order(margins: Mapping[str, Any]) -> tuple[str, ...]:
@@ -236,7 +242,7 @@ def _require_margin(quantity: Quantity, scene: Scene) -> None:
         raise InputError(
             f"{quantity.observable} of {kind} is not known at rest: say in which state, for instance at which pressure."
         )
-    known = rules_at(scene, quantity.at)
+    known = all_rules(scene)
     if rule not in known:
         raise InputError(f"{kind} has no rule {rule!r}; it has: {', '.join(known) or 'none'}.")
 

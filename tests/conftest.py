@@ -5,6 +5,7 @@ the checks of the annotations are put in place after this file is read.
 """
 
 import gc
+import itertools
 import os
 from pathlib import Path
 
@@ -179,12 +180,35 @@ MAPPINGS, PAGES = 30_000, 2 * 2**30 // os.sysconf("SC_PAGE_SIZE")
 worker should do with 4 GB."""
 
 
+LOOK_EVERY = 8
+"""Tests between two looks at the mappings: a look takes up to 20 ms."""
+ended = itertools.count(1)
+
+
+def are_many() -> bool:
+    """Whether this process has more mappings than it should; False where the system does not tell."""
+    maps = Path("/proc/self/maps")
+    return maps.exists() and maps.read_bytes().count(b"\n") > MAPPINGS
+
+
+def let_go() -> None:
+    """Forget every program."""
+    jax.clear_caches()
+    gc.collect()
+
+
+@pytest.fixture(autouse=True)
+def many_programs_are_let_go():
+    """Within a module, too: the hard cases by every method and solver are more than a process can hold."""
+    yield
+    if next(ended) % LOOK_EVERY == 0 and are_many():
+        let_go()
+
+
 @pytest.fixture(autouse=True, scope="module")
 def programs_are_let_go():
     """Those of a module may serve the next one; where they have become many, all are let go."""
     yield
-    maps, size = Path("/proc/self/maps"), Path("/proc/self/statm")
-    few = maps.exists() and maps.read_bytes().count(b"\n") < MAPPINGS
-    if not few or int(size.read_text().split()[1]) > PAGES:
-        jax.clear_caches()
-        gc.collect()
+    size = Path("/proc/self/statm")
+    if not size.exists() or int(size.read_text().split()[1]) > PAGES or are_many():
+        let_go()

@@ -210,9 +210,7 @@ def test_the_same_seed_gives_the_same_answer():
 
 
 def test_all_distinct_optima_are_found():
-    """Himmelblau 1972: four minima of value zero."""
-    himmelblau = Formulas([lambda x: (x[0] ** 2 + x[1] - 11) ** 2 + (x[0] + x[1] ** 2 - 7) ** 2], [-5.0] * 2, [5.0] * 2)
-    found = search(himmelblau, starts=32, steps=40)
+    found = search(himmelblau(), starts=32, steps=40)
     minima = [(3, 2), (-2.805118, 3.131312), (-3.779310, -3.283186), (3.584428, -1.848126)]
     assert len(found.designs) == 4
     for minimum in minima:
@@ -246,6 +244,61 @@ def test_lanes_stop_when_they_rest():
     assert len(found.history["moving"]) < 200
     assert found.solves < 8 * 200
     assert found.history["moving"][-1] == 0
+
+
+def himmelblau():
+    """Himmelblau 1972: four minima of value zero."""
+    return Formulas([lambda x: (x[0] ** 2 + x[1] - 11) ** 2 + (x[0] + x[1] ** 2 - 7) ** 2], [-5.0] * 2, [5.0] * 2)
+
+
+def test_of_many_lanes_those_beside_a_better_one_are_left_to_it(monkeypatch):
+    """The same four minima, with as many descents at each, for half of the solves."""
+    few = search(himmelblau(), starts=256, steps=60)
+    assert 150 < few.merged <= 256 - searching.NEARBY_CHUNK
+    assert few.history["moving"][searching.PERIOD] == 256  # one look is not enough
+    monkeypatch.setattr(searching, "LOOKS", 1000)
+    every = search(himmelblau(), starts=256, steps=60)
+    assert every.merged == 0
+    assert few.solves < 0.6 * every.solves
+    assert len(few.designs) == len(every.designs) == 4
+
+    def basins(found):
+        return sorted((tuple(np.round(d.x, 4) + 0.0), n) for d, n in zip(found.designs, found.reached, strict=True))
+
+    for (one, ends), (other, all_ends) in zip(basins(few), basins(every), strict=True):
+        np.testing.assert_allclose(one, other, atol=2e-4)
+        assert abs(ends - all_ends) <= 10
+    assert sum(few.reached) > 240
+    assert np.isnan(few.paths[-1]).sum() >= few.merged  # a path ends where its lane is left to another
+
+
+def test_company_by_hand(monkeypatch):
+    """Five lanes on a line: two pairs and a fifth; the worse of each pair goes at the second look, the worst first."""
+    monkeypatch.setattr(searching, "NEARBY_CHUNK", 4)
+    company = searching.Company(5)
+    t = np.array([[0.10], [0.14], [0.50], [0.54], [0.90]])
+    rank = np.array([1.0, 2.0, 5.0, 4.0, 3.0])
+    moving = np.arange(5)
+    assert company.look(moving, t, rank).tolist() == []
+    apart = t + np.array([[0], [0.02], [0], [0], [0]])  # the first pair is 0.06 apart now, and begins anew
+    assert company.look(moving, apart, rank).tolist() == [2]
+    assert company.into.tolist() == [0, 1, 3, 3, 4]
+    moving = np.array([0, 1, 3, 4])
+    for _ in range(3):  # as few as one call takes are never left
+        assert company.look(moving, t, rank).tolist() == []
+    monkeypatch.setattr(searching, "NEARBY_CHUNK", 1)
+    t[3] = 0.12
+    assert company.look(moving, t, rank).tolist() == [1]  # lane 3 has only now come to lanes 0 and 1
+    assert company.look(np.array([0, 3, 4]), t, rank).tolist() == [3]
+    assert company.into.tolist() == [0, 0, 3, 0, 4]
+    assert company.merged == 3
+    assert company.look(np.arange(0), t, rank).tolist() == []
+    ends, ranks = company.ends(t, rank)
+    assert ends[2] == ends[3] == ends[1] == 0.1
+    assert ranks.tolist() == [1.0, 1.0, 1.0, 1.0, 3.0]
+    # One whose own best is better keeps it.
+    ends, ranks = company.ends(t, np.array([1.0, 0.5, 5.0, 4.0, 3.0]))
+    assert (ends[1], ranks[1]) == (0.14, 0.5)
 
 
 @pytest.mark.parametrize(

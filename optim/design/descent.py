@@ -3,7 +3,8 @@
 1. Starts: a scrambled Sobol set over the unit cube, and the design that the search starts from.
 2. Every lane minimises its augmented Lagrangian (Powell, Hestenes, Rockafellar) with an optax optimiser in the free
    variables of `variables.py`. A lane without equilibrium descends its shortfall until it has one. A lane that has come
-   to rest stops, and the lanes that are left are packed together, so it costs nothing any more.
+   to rest stops, and the lanes that are left are packed together, so it costs nothing any more. Of many, one that
+   stays beside a better one is left to it (`Company`).
 3. The best lanes of each region are finished by sequential quadratic programming or least squares (`finish.py`), which
    land on the active constraints and bounds to the last digits.
 
@@ -54,12 +55,13 @@ LOOSELY_FEASIBLE = 1e-2
 """The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
 multipliers approach a constraint from its broken side, and the finish removes what is left."""
 
-ROOM = 1e-4
-"""The descent keeps this much room to every constraint (scaled), so that its ends are feasible by themselves."""
+ROOM = 3e-5
+"""The descent keeps this much room to every constraint (scaled), so that its ends are feasible by themselves. Where a
+constraint holds the optimum, this is what the best of the descent is worse by, and little else."""
 
-STALLED = 2e-3
-"""A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps: it is in
-the basin of its optimum, and the finish does the rest."""
+STALLED = 5e-4
+"""A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps. With 2e-3
+the best of `finger_tip_force` rested a few ten-thousandths of its objective short of the optimum."""
 
 FINAL_RATE = 0.02
 """The learning rate falls along a cosine to this part of its start."""
@@ -73,6 +75,9 @@ FINISHED = 16
 
 REGION, DISTINCT = 0.05, 0.01
 """Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
+
+LOOKS = 2
+"""A lane within REGION of a better one at so many looks in a row, PERIOD steps apart, is left to it."""
 
 CPU_CHUNK = 16
 """Lanes per call on a CPU at most, where a lane alone costs as much as a lane in a batch: as many as are finished
@@ -123,7 +128,8 @@ class Memory:
     def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which design is nearest to each row of unit values, and the square of its distance."""
         at = self.at
-        squares = np.sum(at**2, axis=1)[None] - 2 * t @ at.T
+        # The squares less that of the row itself, in one product.
+        squares = np.c_[t, np.ones(len(t))] @ np.c_[-2 * at, np.sum(at**2, axis=1)].T
         nearest = np.argmin(squares, axis=1)
         return nearest, np.sum((t - at[nearest]) ** 2, axis=1)
 
@@ -319,7 +325,7 @@ class Evaluator:
     def _begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
         found = self._solve(t)
-        known = jax.tree.map(np.asarray, self.problem.known(t, found.solutions))
+        known = _in_calls(self.problem.known, self.chunk, t, found.solutions)
         self._remember(t, known, ~self._missing(np.asarray(found.values), self.problem.followed))
 
     def _nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
@@ -359,17 +365,26 @@ class Evaluator:
         return beyond
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
-        """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""
-        count, batches = len(rows[0]), []
-        for start in range(0, count, size):
-            part = jax.tree.map(lambda v, start=start: v[start : start + size], rows)
-            batches.append(jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part))
-        parts = self._run(program, batches)
-        return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
+        """program(*rows), see `_in_calls`."""
+        return _in_calls(program, size, *rows, run=self._run)
 
     def _run(self, program: Any, batches: list[Any]) -> list[Any]:
         """program(*rows) of every batch; `islands` has it done by others."""
-        return [program(*rows) for rows in batches]
+        return _run(program, batches)
+
+
+def _run(program: Any, batches: list[Any]) -> list[Any]:
+    return [program(*rows) for rows in batches]
+
+
+def _in_calls(program: Any, size: int, *rows: Any, run: Callable[[Any, list[Any]], list[Any]] = _run) -> Any:
+    """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""
+    count, batches = len(rows[0]), []
+    for start in range(0, count, size):
+        part = jax.tree.map(lambda v, start=start: np.asarray(v[start : start + size]), rows)
+        batches.append(jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part))
+    parts = run(program, batches)
+    return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
 
 
 def evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
@@ -461,6 +476,7 @@ class SearchResult:
             (nearly) feasible.
         descended: the objective of the best feasible design before the finish, dimensionless.
         reached: how many starts ended near each of the designs.
+        merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: what scales the goals where the starting design does not, see `Scaling`.
 
@@ -486,7 +502,9 @@ class SearchResult:
     descended: float = float("nan")
     """The objective of the best feasible design before the finish: what the descent alone has found."""
     reached: tuple[int, ...] = ()
-    """How many starts ended within REGION of each of the `designs`."""
+    """How many starts ended within REGION of each of the `designs`; one that was left to another ends with it."""
+    merged: int = 0
+    """How many starts were left to better ones beside which they had come."""
     remarks: tuple[str, ...] = ()
     """What scales the goals where the starting design does not, see `objectives.Scaling`."""
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
@@ -577,14 +595,15 @@ def search(
     advance(scaling.scales, lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
-    lanes, history, paths, stopped = _descend(lanes, evaluate, advance, scaling, steps, report)
+    company = Company(starts)
+    lanes, history, paths, stopped = _descend(lanes, evaluate, advance, scaling, steps, report, company)
     descended = time.perf_counter()
     remarks = scaling.remarks()
     for sentence in remarks:
         remark(sentence)
 
-    ends = np.asarray(lanes.best_t)
-    candidates = ends[_distinct(ends, np.asarray(lanes.best_rank), REGION)[: max(finishes, 1)]]
+    ends, ranks = company.ends(np.asarray(lanes.best_t), np.asarray(lanes.best_rank))
+    candidates = ends[_distinct(ends, ranks, REGION)[: max(finishes, 1)]]
     designs = designs_at(problem, score, evaluate, candidates)
     alone = min((d.objective for d in designs if d.feasible), default=float("nan"))
     if finishes and not stopped:
@@ -614,6 +633,7 @@ def search(
         paths,
         alone,
         _reached(ends, chosen),
+        company.merged,
         tuple(remarks),
         evaluate.solutions(np.stack([reference_t, chosen[0].t])),
     )
@@ -653,8 +673,49 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
     )
 
 
+class Company:
+    """Which lanes have come to a better one and stayed beside it: the same end, found twice.
+
+    Of each region only the best lane is finished, so two lanes of one region are one too many. They are let go while
+    more are moving than are solved in one call, the worst first: fewer would save nothing.
+    """
+
+    def __init__(self, lanes: int):
+        self.looks = np.zeros(lanes, int)
+        """At how many looks in a row each had a better one within REGION."""
+        self.into = np.arange(lanes)
+        """The lane that each was left to: itself while it moves."""
+
+    @property
+    def merged(self) -> int:
+        """How many were left to others."""
+        return int(np.sum(self.into != np.arange(len(self.into))))
+
+    def look(self, moving: np.ndarray, t: np.ndarray, rank: np.ndarray) -> np.ndarray:
+        """Which of the moving lanes are left to others now. t, rank: of every lane, the smaller rank the better."""
+        order = moving[np.argsort(rank[moving], kind="stable")]
+        at = t[order]
+        beside = np.tri(len(order), k=-1, dtype=bool)  # the better ones come first
+        for column in at.T:
+            beside &= np.abs(column[:, None] - column) <= REGION
+        self.looks[order] = np.where(np.any(beside, axis=1), self.looks[order] + 1, 0)
+        (stayed,) = np.nonzero(self.looks[order] >= LOOKS)
+        left = stayed[::-1][: max(len(order) - NEARBY_CHUNK, 0)]
+        if len(left):
+            self.into[order[left]] = order[np.argmax(beside[left], axis=1)]
+        return order[left]
+
+    def ends(self, t: np.ndarray, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(t, rank) of the best of every lane; one that was left to another has the better of both."""
+        last = self.into
+        while np.any(last != self.into[last]):
+            last = self.into[last]
+        last = np.where(rank[last] <= rank, last, np.arange(len(last)))
+        return t[last], rank[last]
+
+
 def _descend(
-    lanes: SearchMember, evaluate, advance, scaling: Scaling, steps, report
+    lanes: SearchMember, evaluate, advance, scaling: Scaling, steps, report, company: Company
 ) -> tuple[SearchMember, dict[str, np.ndarray], np.ndarray, bool]:
     """All lanes to rest, or to the last step, or (True) to where they were stopped."""
     moving = np.arange(len(lanes.u))
@@ -668,10 +729,15 @@ def _descend(
             # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
             scaling.learn(fresh.values)
-            lanes = advance(scaling.scales, lanes, found, step)
+            before, lanes = np.asarray(lanes.t), advance(scaling.scales, lanes, found, step)
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
             now = np.asarray(lanes.rank)
-            paths.append(np.where(now < 0.5 * NO_EQUILIBRIUM_RANK, now, np.nan))
+            known = (now < 0.5 * NO_EQUILIBRIUM_RANK) & (company.into == np.arange(len(now)))
+            paths.append(np.where(known, now, np.nan))
+            if step % PERIOD == PERIOD - 1:
+                left, rest = company.look(moving, before, now), np.array(lanes.rest)
+                rest[left] = PERIOD
+                lanes, moving = lanes._replace(rest=jnp.asarray(rest)), np.setdiff1d(moving, left)
             rank = np.asarray(lanes.best_rank)
             best = rank.min()
             feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))

@@ -244,6 +244,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "solves": result.solves,
         "seconds": result.seconds,
         "reached": list(result.reached),
+        "merged": result.merged,
         "best_objective_of_the_descent_alone": result.descended,
     } | (agreed(problem) | versions())
 
@@ -350,9 +351,9 @@ def _batch(result: SearchResult) -> str:
     """What became of all the starts, and what the finish added."""
     starts = result.paths.shape[1] if result.paths.ndim == 2 else 0
     ends = [f"{n} near design {k + 1}" for k, n in enumerate(result.reached[:SHOWN]) if n]
-    said = (
-        f"{starts} designs descended at once: {', '.join(ends) if ends else 'none ended near a design of the table'}."
-    )
+    met = f", {result.merged} of them until they met a better one and stayed beside it" if result.merged else ""
+    where = ", ".join(ends) if ends else "none ended near a design of the table"
+    said = f"{starts} designs descended at once{met}: {where}."
     if result.best.feasible and np.isfinite(result.descended):
         gain = (result.descended - result.best.objective) / max(abs(result.best.objective), 1e-300)
         said += f" The finish improved the best of them by {gain:.1g} of its objective."
