@@ -8,8 +8,10 @@ tell. What a search reports in the end is therefore solved along the whole way.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -46,6 +48,12 @@ def known_state(at: State, solution: Solution, t: Float[Array, " m"]) -> Known:
     """A solved state of a design t as a place to begin from: its unknowns and, where it was sought, the pressure."""
     u = solution.unknowns
     return known_root(jnp.append(u, solution.pressure / PRESSURE) if is_sought(at) else u, t)
+
+
+@partial(jax.jit, static_argnums=0)
+def known_states(at: State, solutions: Solution, t: Float[Array, "k m"]) -> Known:
+    """`known_state` of a batch."""
+    return jax.vmap(partial(known_state, at))(solutions, t)
 
 
 def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Array, Solution]:

@@ -37,6 +37,7 @@ from .nearby import (
     is_covered,
     is_sought,
     known_state,
+    known_states,
     limit_nearby,
     limit_of,
     snaps,
@@ -367,14 +368,8 @@ class Problem:
     def known(self, t: Any, solutions: Sequence[Solution]) -> tuple[Known, ...]:
         """The `followed` ones of the solutions of `solved_states`, one design t or a batch, as places to begin from."""
         of = dict(zip(self.solved_states, solutions, strict=True))
-
-        def each(t, solutions):
-            return tuple(known_state(at, s, t) for (_, at), s in zip(self.followed, solutions, strict=True))
-
-        chosen = tuple(of[state] for state in self.followed)
-        if not chosen[0].status.ndim:
-            return each(jnp.asarray(t), chosen)
-        return self._programs.setdefault("known", jax.jit(jax.vmap(each)))(t, chosen)
+        of_one = known_states if np.ndim(t) == 2 else known_state
+        return tuple(of_one(state[1], of[state], t) for state in self.followed)
 
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""

@@ -17,6 +17,7 @@ from fingers import TYPE_A, TYPES, pneunet, stacked
 import softgrip_jax as sg
 from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.quantities import all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
 from softgrip_jax.shell.obstacles import Plane, Sphere
@@ -271,6 +272,7 @@ def test_chambers_of_blocked_fingers_by_their_corners(held):
 
 def test_the_margin_of_a_state_has_derivatives_where_it_is_broken(held):
     (margin, solutions), slopes = held
+    assert set(all_rules(sg.pneunet.TipContact(A))) == set(solutions.margins)
     for first, status in ((8, OK), (17, IMPOSSIBLE)):
         assert int(solutions.status[first]) == status
         more, less = margin[first + 1 : first + 5], margin[first + 5 : first + 9]
@@ -363,6 +365,7 @@ def test_a_grasp_of_a_cone_touches_with_the_face():
     scene = sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm)
     solution = sg.solve(scene, 25 * kPa)
     assert int(solution.status) == OK, solution.reason_text()
+    assert set(all_rules(scene)) == set(solution.margins)
     clear, *_ = grasped(solution, scene)
     assert clear[-1] == pytest.approx(0, abs=1e-8)
     assert np.min(clear[:-1]) >= -1e-3

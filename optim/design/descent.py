@@ -51,8 +51,8 @@ PENALTY, PENALTY_GROWTH, PENALTY_MAX = 10.0, 2.0, 1e4
 """Of the augmented Lagrangian: with pure numbers of order one, 10 bends the objective's slope back within a tenth of a
 bound. It grows while the violation does not halve between two updates."""
 
-LOOSELY_FEASIBLE = 1e-2
-"""The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged with PENALTY:
+LOOSELY_FEASIBLE, CHARGE = 1e-2, 100.0
+"""The descent keeps the best design that breaks nothing by more than this (scaled), its violation charged by so much:
 multipliers approach a constraint from its broken side, and the finish removes what is left."""
 
 ROOM = 3e-5
@@ -774,7 +774,7 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found
     u = optax.apply_updates(lane.u, updates)
 
     violation = jnp.max(judged.violations, initial=0.0)
-    rank = _rank(judged.objective + PENALTY * violation, violation, found.shortfall, LOOSELY_FEASIBLE)
+    rank = _rank(judged.objective + CHARGE * violation, violation, found.shortfall, LOOSELY_FEASIBLE)
     better = rank < lane.best_rank
     due = in_equilibrium & (step % PERIOD == PERIOD - 1)
     stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * lane.last_violation))
