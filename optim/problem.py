@@ -36,7 +36,6 @@ from .nearby import (
     can_begin_nearby,
     is_covered,
     is_sought,
-    known_state,
     known_states,
     limit_nearby,
     limit_of,
@@ -366,10 +365,9 @@ class Problem:
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
     def known(self, t: Any, solutions: Sequence[Solution]) -> tuple[Known, ...]:
-        """The `followed` ones of the solutions of `solved_states`, one design t or a batch, as places to begin from."""
+        """The `followed` ones of the solutions of `solved_states`, of a batch of designs t, as places to begin from."""
         of = dict(zip(self.solved_states, solutions, strict=True))
-        of_one = known_states if np.ndim(t) == 2 else known_state
-        return tuple(of_one(state[1], of[state], t) for state in self.followed)
+        return tuple(known_states(state[1], of[state], t) for state in self.followed)
 
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""

@@ -421,6 +421,8 @@ class SearchMember(NamedTuple):
     rest: Int[Array, ""]
     rank: Float[Array, ""]
     """Of the design before the last step."""
+    objective: Float[Array, ""]
+    """Of that design, where it is nearly feasible; else NaN."""
     best_t: Float[Array, " n"]
     best_rank: Float[Array, ""]
 
@@ -668,6 +670,7 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
         jnp.full(count, jnp.inf, float),
         jnp.zeros(count, int),
         jnp.full(count, jnp.inf, float),
+        jnp.full(count, jnp.nan, float),
         jnp.asarray(t),
         jnp.full(count, jnp.inf, float),
     )
@@ -694,15 +697,11 @@ class Company:
     def look(self, moving: np.ndarray, t: np.ndarray, rank: np.ndarray) -> np.ndarray:
         """Which of the moving lanes are left to others now. t, rank: of every lane, the smaller rank the better."""
         order = moving[np.argsort(rank[moving], kind="stable")]
-        at = t[order]
-        beside = np.tri(len(order), k=-1, dtype=bool)  # the better ones come first
-        for column in at.T:
-            beside &= np.abs(column[:, None] - column) <= REGION
-        self.looks[order] = np.where(np.any(beside, axis=1), self.looks[order] + 1, 0)
+        best = _first_beside(t[order])
+        self.looks[order] = np.where(best < np.arange(len(order)), self.looks[order] + 1, 0)
         (stayed,) = np.nonzero(self.looks[order] >= LOOKS)
         left = stayed[::-1][: max(len(order) - NEARBY_CHUNK, 0)]
-        if len(left):
-            self.into[order[left]] = order[np.argmax(beside[left], axis=1)]
+        self.into[order[left]] = order[best[left]]
         return order[left]
 
     def ends(self, t: np.ndarray, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -712,6 +711,15 @@ class Company:
             last = self.into[last]
         last = np.where(rank[last] <= rank, last, np.arange(len(last)))
         return t[last], rank[last]
+
+
+def _first_beside(t: np.ndarray) -> np.ndarray:
+    """For every row, the first one within REGION of it in every variable: itself at the latest."""
+    first = np.arange(len(t))
+    for start in range(0, len(t), NEARBY_CHUNK):  # all at once would take memory for every pair
+        rows = t[start : start + NEARBY_CHUNK]
+        first[start : start + NEARBY_CHUNK] = np.argmax(np.all(np.abs(rows[:, None] - t) <= REGION, axis=2), axis=1)
+    return first
 
 
 def _descend(
@@ -731,11 +739,9 @@ def _descend(
             scaling.learn(fresh.values)
             before, lanes = np.asarray(lanes.t), advance(scaling.scales, lanes, found, step)
             moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
-            now = np.asarray(lanes.rank)
-            known = (now < 0.5 * NO_EQUILIBRIUM_RANK) & (company.into == np.arange(len(now)))
-            paths.append(np.where(known, now, np.nan))
+            paths.append(np.where(company.into == np.arange(len(before)), np.asarray(lanes.objective), np.nan))
             if step % PERIOD == PERIOD - 1:
-                left, rest = company.look(moving, before, now), np.array(lanes.rest)
+                left, rest = company.look(moving, before, np.asarray(lanes.rank)), np.array(lanes.rest)
                 rest[left] = PERIOD
                 lanes, moving = lanes._replace(rest=jnp.asarray(rest)), np.setdiff1d(moving, left)
             rank = np.asarray(lanes.best_rank)
@@ -791,6 +797,7 @@ def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found
         jnp.where(due, violation, lane.last_violation),
         jnp.where(resting, lane.rest + 1, 0),
         rank,
+        jnp.where(rank < 0.5 * NO_EQUILIBRIUM_RANK, judged.objective, jnp.nan),
         jnp.where(better, lane.t, lane.best_t),
         jnp.where(better, rank, lane.best_rank),
     )
