@@ -18,7 +18,7 @@ import numpy as np
 from softgrip_jax.commands.programs import QUICKLY, program
 from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
-from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet
+from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet, all_rules
 from softgrip_jax.questions import solve
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status, in_units
@@ -74,6 +74,7 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
         q
         for q in problem.quantities
         if q.scene in others and q.at not in (None, AT_REST) and q.along is None and q.observable != LIMIT_MARGIN
+        if _has(others[q.scene], q)
     ]
     if not asked:
         return None
@@ -138,6 +139,11 @@ def shared_pressures(given: np.ndarray, found: Observed) -> np.ndarray:
     return np.where(lost.any(axis=0), np.floor(most / unit) * unit, given)
 
 
+def _has(other: Any, quantity: Quantity) -> bool:
+    """Whether a scene by the other drive has what is asked: the cell law knows no chambers that overlap."""
+    return quantity.rule is None or quantity.rule in all_rules(other)
+
+
 def _is_twin(scenes: dict[str, Any], name: str) -> bool:
     """Whether a scene is one that `by_both_drives` has added."""
     other = with_other_drive(scenes.get(name.removesuffix(SUFFIX)))
@@ -176,7 +182,10 @@ def by_both_drives(
         # Of a curve along the finger its state is what must exist.
         return whole if quantity.along is None else dataclasses.replace(whole, observable="pressure", along=None)
 
-    twins = [dataclasses.replace(c, quantity=twin(c.quantity)) for c in limits if c.quantity.scene in others]
-    reported = [twin(goal.quantity) for goal in goals if goal.quantity.scene in others]
+    def has_twin(quantity: Quantity) -> bool:
+        return quantity.scene in others and _has(others[quantity.scene], quantity)
+
+    twins = [dataclasses.replace(c, quantity=twin(c.quantity)) for c in limits if has_twin(c.quantity)]
+    reported = [twin(goal.quantity) for goal in goals if has_twin(goal.quantity)]
     scenes = space.scenes | {name + SUFFIX: other for name, other in others.items()}
     return Space(scenes, [tied(variable) for variable in space.variables]), [*limits, *twins], reported

@@ -28,7 +28,7 @@ from jaxtyping import Array, Float, Int
 from .errors import InputError
 from .fields import admissible
 from .parameters import Scenes
-from .questions import limit_pressure, pressure_for, solve
+from .questions import limit_pressure, pressure_for, solve, to_reach
 from .reasons import RULE_NAMES, Reason
 from .results import Solution, Status, in_units
 from .scene import Scene
@@ -242,6 +242,9 @@ def _require_margin(quantity: Quantity, scene: Scene) -> None:
         raise InputError(
             f"{quantity.observable} of {kind} is not known at rest: say in which state, for instance at which pressure."
         )
+    if isinstance(quantity.at, str | tuple):  # what cannot be sought is told before anything is compiled
+        target = {} if isinstance(quantity.at, str) else {quantity.at[0]: quantity.at[1]}
+        jax.eval_shape(lambda scene: to_reach(scene, **target)[2], scene)
     known = all_rules(scene)
     if rule not in known:
         raise InputError(f"{kind} has no rule {rule!r}; it has: {', '.join(known) or 'none'}.")

@@ -158,6 +158,19 @@ def test_both_drives_double_the_scenes_and_the_constraints(problem):
     assert [float(scene.finger.H) for scene in moved.values()] == pytest.approx([4.2 * mm] * 2)
 
 
+def test_a_rule_that_the_other_drive_lacks_is_not_asked_of_it(problem):
+    """Chambers by the cell law may meet, and have no margin to overlapping: in a report that was a KeyError."""
+    apart = Quantity("margins.chambers_apart", 15 * kPa, "held")
+    alone = Problem(problem.space, [Goal("maximise", apart)])
+    assert by_other_drive(alone, [problem.space.reference]) is None
+    limits = [*problem.limits, Limits(apart, low=0.1 * mm)]
+    _, doubled, reported = by_both_drives(problem.space, [*problem.goals, Goal("maximise", apart)], limits)
+    names = [(c.quantity.observable, c.quantity.scene) for c in doubled]
+    own = [("pressure", "held"), ("margins.chambers_apart", "held")]
+    assert names == [*own, ("pressure", "held" + SUFFIX)]
+    assert [q.observable for q in reported] == ["tip_force"]
+
+
 @pytest.mark.slow
 def test_both_drives_in_a_config(config, forces):
     config.write_text(CONFIG.format(drive='drive = "both"'))

@@ -36,7 +36,6 @@ def fingers():
     return scene, variables, optim.Quantity("tip_force", at=20 * kPa)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ask", [shells, pytest.param(fingers, marks=pytest.mark.slow)])
 def test_a_search_is_the_same_on_workers(workers, ask):
     """Every step has several batches."""

@@ -17,7 +17,8 @@ from fingers import TYPE_A, TYPES, pneunet, stacked
 import softgrip_jax as sg
 from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, run
-from softgrip_jax.quantities import all_rules
+from softgrip_jax.errors import InputError
+from softgrip_jax.quantities import Quantity, QuantitySet, all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
 from softgrip_jax.shell.obstacles import Plane, Sphere
@@ -369,6 +370,20 @@ def test_a_grasp_of_a_cone_touches_with_the_face():
     clear, *_ = grasped(solution, scene)
     assert clear[-1] == pytest.approx(0, abs=1e-8)
     assert np.min(clear[:-1]) >= -1e-3
+
+
+@pytest.mark.parametrize(
+    ("at", "sentence"),
+    [
+        ("required", r"pressure_for\(TipContact\) needs a target"),
+        (("nonsense", 0.1), "TipContact has no observable 'nonsense'"),
+        (("tip", 0.1), "tip is a point"),
+    ],
+)
+def test_a_margin_in_a_state_that_cannot_be_sought(at, sentence):
+    scenes = {"held": sg.pneunet.TipContact(A)}
+    with pytest.raises(InputError, match=sentence):
+        QuantitySet(scenes, [Quantity("margins.chambers_apart", at, "held")])
 
 
 # --- what people and programs read ------------------------------------------------------------------------------------

@@ -325,7 +325,8 @@ class Evaluator:
     def _begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
         found = self._solve(t)
-        known = _in_calls(self.problem.known, self.chunk, t, found.solutions)
+        here = partial(Evaluator._run, self, self.problem.known)  # whoever solved it: it is a few zeros
+        known = _in_calls(here, self.chunk, t, found.solutions)
         self._remember(t, known, ~self._missing(np.asarray(found.values), self.problem.followed))
 
     def _nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
@@ -365,25 +366,24 @@ class Evaluator:
         return beyond
 
     def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
-        """program(*rows), see `_in_calls`."""
-        return _in_calls(program, size, *rows, run=self._run)
+        """program(*rows), any number of them, by calls of one size."""
+        return _in_calls(partial(self._run, program), size, *rows)
 
     def _run(self, program: Any, batches: list[Any]) -> list[Any]:
         """program(*rows) of every batch; `islands` has it done by others."""
-        return _run(program, batches)
+        return [program(*rows) for rows in batches]
 
 
-def _run(program: Any, batches: list[Any]) -> list[Any]:
-    return [program(*rows) for rows in batches]
+def _in_calls(run: Callable[[list[Any]], list[Any]], size: int, *rows: Any) -> Any:
+    """What a program says of any number of rows, from batches of one size: what is missing is the last row again.
 
-
-def _in_calls(program: Any, size: int, *rows: Any, run: Callable[[Any, list[Any]], list[Any]] = _run) -> Any:
-    """program(*rows), any number of them, by calls of one size: what is missing is filled up with the last row."""
+    run: batches -> what the program says of each.
+    """
     count, batches = len(rows[0]), []
     for start in range(0, count, size):
         part = jax.tree.map(lambda v, start=start: np.asarray(v[start : start + size]), rows)
         batches.append(jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part))
-    parts = run(program, batches)
+    parts = run(batches)
     return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
 
 
