@@ -275,6 +275,10 @@ def test_of_many_lanes_those_beside_a_better_one_are_left_to_it(monkeypatch):
 
 def test_company_by_hand(monkeypatch):
     """Five lanes on a line: two pairs and a fifth; the worse of each pair goes at the second look, the worst first."""
+    monkeypatch.setattr(searching, "NEARBY_CHUNK", 2)
+    three = searching.Company(3)
+    looks = [three.look(np.arange(3), np.zeros((3, 1)), np.array([2.0, 3.0, 1.0])).tolist() for _ in range(2)]
+    assert looks == [[], [1]]  # two may go, one is enough: the worst
     monkeypatch.setattr(searching, "NEARBY_CHUNK", 4)
     company = searching.Company(5)
     t = np.array([[0.10], [0.14], [0.50], [0.54], [0.90]])
