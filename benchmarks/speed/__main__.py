@@ -1,7 +1,8 @@
 """`python -m benchmarks.speed`: measure, write the tables as CSV, draw the pictures, write the page.
 
 Parts run as processes of their own, pinned to one core each, two beside each other where there are two cores. On a GPU
-(JAX_PLATFORMS=cuda, or wherever JAX finds one) parts run one after another and the tables go to a folder of their own.
+(JAX_PLATFORMS=cuda, or wherever JAX finds one) parts of their own compile at once, on all cores, and time in turn;
+their tables go to a folder of their own.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-from . import measure
+from . import gpu_part, measure
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 TOGETHER = (
@@ -25,8 +26,6 @@ TOGETHER = (
 ALONE = ("explorer",)
 """Parts with processes of their own, which nothing runs beside."""
 PARTS = (*TOGETHER, *ALONE)
-HOST_ONLY = ("start", "fidelity", "elastica", "models", "energy", "methods", "hard", "drives", "explorer")
-"""What says nothing about a GPU."""
 
 
 def main() -> None:
@@ -34,8 +33,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="a small sample of everything, for tests")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the CSV files")
-    parser.add_argument("--only", nargs="*", choices=PARTS, default=PARTS, help="measure these parts again")
-    parser.add_argument("--part", choices=PARTS, help=argparse.SUPPRESS)
+    every = (*PARTS, *gpu_part.PARTS)
+    parser.add_argument("--only", nargs="*", choices=every, default=every, help="measure these parts again")
+    parser.add_argument("--part", choices=every, help=argparse.SUPPRESS)
     parser.add_argument("--core", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--page", type=Path, help="the page to write; docs/speed-and-error.md, none with --quick")
     asked = parser.parse_args()
@@ -47,7 +47,7 @@ def main() -> None:
     if on_gpu:
         folder = asked.out / "gpu"
         os.environ["SOFTGRIP_BENCH_WALL"] = "1"
-    parts = [part for part in PARTS if part in asked.only and not (on_gpu and part in HOST_ONLY)]
+    parts = [part for part in (gpu_part.PARTS if on_gpu else PARTS) if part in asked.only]
     together = [part for part in parts if part not in ALONE]
     failed = run_all(together, folder, asked.quick, on_gpu)
     for part in ALONE:
@@ -74,8 +74,9 @@ def gpu() -> bool:
 
 
 def run_all(parts: list[str], folder: Path, quick: bool, on_gpu: bool) -> list[str]:
-    """Run parts on all cores (two at most); returns those that failed."""
-    cores = [None] if on_gpu or not hasattr(os, "sched_getaffinity") else sorted(os.sched_getaffinity(0))[:2]
+    """Run parts on all cores (two at most; on a GPU all at once); returns those that failed."""
+    cores = sorted(os.sched_getaffinity(0))[:2] if hasattr(os, "sched_getaffinity") else [None]
+    cores = [None] * len(parts) if on_gpu else cores
     free, waiting, busy, failed = list(cores), list(parts), {}, []
     while waiting or busy:
         while waiting and free:
@@ -97,7 +98,9 @@ def environment(on_gpu: bool) -> dict[str, str]:
     """One thread on a CPU; nothing compiled before is used."""
     changed = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
     changed.pop("JAX_COMPILATION_CACHE_DIR", None)
-    if not on_gpu:
+    if on_gpu:
+        changed |= {"XLA_PYTHON_CLIENT_PREALLOCATE": "false"}  # all parts share its memory
+    else:
         changed |= {"XLA_FLAGS": measure.ONE_THREAD, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     return changed
 
@@ -109,12 +112,16 @@ def run_part(part: str, folder: Path, quick: bool, core: int | None) -> None:
     from importlib import import_module
 
     began = time.perf_counter()
-    module, rows = import_module(f".{part.removesuffix('s')}_part", __package__), []
-    stopped = True
+    if part in gpu_part.PARTS:
+        source, fields = gpu_part.measure(part, quick), gpu_part.FIELDS[part]
+    else:
+        module = import_module(f".{part.removesuffix('s')}_part", __package__)
+        source, fields = module.measure(quick), getattr(module, "FIELDS", measure.FIELDS)
+    rows, stopped = [], True
     try:
-        for one in module.measure(quick):
+        for one in source:
             rows.append(one)
-            measure.write(folder / f"{part}.csv", rows, getattr(module, "FIELDS", measure.FIELDS))
+            measure.write(folder / f"{part}.csv", rows, fields)
         stopped = False
     finally:  # a run that is stopped keeps what it has, and says so
         told = measure.machine() | {

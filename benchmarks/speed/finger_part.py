@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from . import cases, diffrax_peer
-from .measure import ON_GPU, WHOLE, compiled, median_seconds, row
+from .measure import compiled, median_seconds, row
 from .shell_part import ours
 
 POINTS = {"exact": (4, 6, 8, 12, 16), "thesis": (6, 8, 16), "inextensible": (6, 8, 16)}
@@ -20,8 +20,8 @@ ENOUGH = 8
 """Points that know the tip force to 1e-6."""
 INTEGRATORS = {"Dopri8": (4, 12), "Tsit5": (8, 24), "Bosh3": (64,)}
 """Of diffrax, with equal steps, in optimistix's Newton method; with steps that make them comparable."""
-BATCHES = (1, 16, 256, 4096, 65536, *[WHOLE] * ON_GPU)
-CHUNK = WHOLE if ON_GPU else 1024
+BATCHES = (1, 16, 256, 4096, 65536)
+CHUNK = 1024
 """Larger batches run in chunks of this size."""
 USUAL = 1024
 """Lanes where the batch size is not what is varied."""

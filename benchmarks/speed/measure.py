@@ -12,8 +12,10 @@ import platform
 import resource
 import statistics
 import subprocess
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,13 +31,21 @@ FIELDS = ("scene", "method", "setting", "precision", "batch", "error", "gradient
 
 ON_GPU = bool(os.environ.get("SOFTGRIP_BENCH_WALL"))
 """Set by the main process where JAX finds another device than the CPU."""
-WHOLE = 2**20
-"""Lanes of the largest batch on a GPU, which takes it in one piece."""
 
 
 def clock() -> float:
     """Seconds: of this process on a CPU, on the wall elsewhere."""
     return time.perf_counter() if ON_GPU else time.process_time()
+
+
+@contextmanager
+def alone() -> Iterator[None]:
+    """While this lasts no other part of the benchmark times anything: on a GPU, where all parts compile at once."""
+    import fcntl
+
+    with (Path(tempfile.gettempdir()) / "softgrip_bench.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 def median_seconds(call: Callable[[], Any], repeats: int = REPEATS, least: float = LEAST) -> float:
@@ -67,14 +77,15 @@ class Compiled(NamedTuple):
     """Bytes of arguments, results and what lies between."""
 
 
-def compiled(function: Callable[..., Any], *arguments: Any) -> Compiled:
-    """A function compiled for these arguments, called once."""
+def compiled(function: Callable[..., Any], *arguments: Any, called: bool = True) -> Compiled:
+    """A function compiled for these arguments, and called once."""
     import jax
 
     begin = clock()
     program = jax.jit(function).lower(*arguments).compile()
     made = clock() - begin
-    jax.block_until_ready(program(*arguments))
+    if called:
+        jax.block_until_ready(program(*arguments))
     first = clock() - begin
     use = program.memory_analysis()
     memory = float("nan")

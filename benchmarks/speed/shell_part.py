@@ -12,10 +12,10 @@ import optimistix as optx
 from jax import lax
 
 from . import cases, long_double, thesis_peer
-from .measure import ON_GPU, WHOLE, compiled, median_seconds, row
+from .measure import compiled, median_seconds, row
 
-BATCHES = (1, 16, 256, 4096, 65536, *[WHOLE] * ON_GPU)
-CHUNK = WHOLE if ON_GPU else 4096
+BATCHES = (1, 16, 256, 4096, 65536)
+CHUNK = 4096
 """Larger batches run in chunks of this size: they stay in the caches."""
 FSOLVE_XTOL = (1e-3, 1e-6, 1.49e-8, 1e-12)
 PLAIN_RTOL = (1e-3, 1e-6, 1e-9, 1e-12)

@@ -158,6 +158,7 @@ class Evaluator:
 
     def __init__(self, problem: Problem, chunk: int):
         self.problem, self.chunk, self.solves = problem, chunk, 0
+        self.nearby_chunk = NEARBY_CHUNK if jax.default_backend() == "cpu" else max(chunk, NEARBY_CHUNK)
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
         self.is_near = bool(problem.followed)
@@ -275,7 +276,7 @@ class Evaluator:
             nearest = limit.nearest(t[rows[of]])[0]
             start = jax.tree.map(lambda v, nearest=nearest: v[nearest], limit.places)
             program = partial(self.problem.all_lost_nearby, place=place)
-            by, by_t, at, good = self._in_chunks(program, NEARBY_CHUNK, t[rows[of]], start)
+            by, by_t, at, good = self._in_chunks(program, self.nearby_chunk, t[rows[of]], start)
             beyond = good & (by > 0)
             limit.remember(t[rows[of]], at, beyond)
             explained[of, place] = beyond
@@ -337,7 +338,7 @@ class Evaluator:
         left, found = np.argsort(distance, kind="stable"), cast(Any, None)
         known = jax.tree.map(lambda v: v[left], known)
         for _ in range(ROUNDS):
-            measured, slopes, known = self._in_chunks(self.problem.solved_nearby, NEARBY_CHUNK, t[left], known)
+            measured, slopes, known = self._in_chunks(self.problem.solved_nearby, self.nearby_chunk, t[left], known)
             fresh = evaluated(measured, t.shape[1], slopes)
             beyond = self._beyond(t[left], fresh)
             found = fresh if found is None else found

@@ -16,16 +16,34 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import custom_vmap
+from jax.custom_batching import custom_vmap, sequential_vmap
 from jax.flatten_util import ravel_pytree
 
 SLOTS = {"cpu": 64}
 """Members at work at the same time: on a CPU as many as its first cache holds with all that an iteration needs."""
-MANY_SLOTS = 16384
-"""... and on other devices."""
+MANY_SLOTS = 1 << 18
+"""... and on other devices. Smaller batches wait for their slowest member: to fill slots again costs a GPU more."""
 
 
-def lane_pool(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], start: Any, context: Any) -> Any:
+def one_at_a_time() -> bool:
+    """Whether the members of a batch are better solved one after the other: on a CPU one that is full of products of
+    matrices has no use for others beside it, and does not wait for them."""
+    return jax.default_backend() == "cpu"
+
+
+def in_turn(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function whose members of a batch are computed one after the other where that is better, else side by side."""
+    turn = sequential_vmap(function)
+    return lambda *args: turn(*args) if one_at_a_time() else function(*args)
+
+
+def lane_pool(
+    busy: Callable[[Any], Any],
+    iterate: Callable[[Any, Any], Any],
+    start: Any,
+    context: Any,
+    slots: int | None = None,
+) -> Any:
     """lax.while_loop(busy, lambda state: iterate(state, context), start), for batches of any size.
 
     Neither function may hold traced values: those come through `start` and `context`. No derivatives pass through.
@@ -40,7 +58,7 @@ def lane_pool(busy: Callable[[Any], Any], iterate: Callable[[Any, Any], Any], st
     @run.def_vmap
     def batched(size, is_batched, start, context):
         axes = jax.tree.map(lambda b: 0 if b else None, is_batched)
-        width = SLOTS.get(jax.default_backend(), MANY_SLOTS)
+        width = slots or SLOTS.get(jax.default_backend(), MANY_SLOTS)
         if size <= width:
             found = jax.vmap(loop, axes, axis_size=size)(start, context)
         else:

@@ -13,13 +13,13 @@ not compiled or batched with the energy. None of them stays with one minimum whi
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
-from jax import lax
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
+from .batching import lane_pool
 from .choice import select
 
 Vector = Float[Array, " n"]
@@ -63,6 +63,9 @@ PATIENCE = 40
 """Steps at one load. 3 to 10 are needed; where the load has just passed its largest value Newton's method halves its
 distance to a point that is no minimum, and would go on so."""
 MAX_EVALUATIONS = 600
+SLOTS = 1024
+"""Members of a batch that are at work at once, where they are not solved one after the other: the Hessian of each takes
+half a megabyte to make."""
 
 
 class Minimum(NamedTuple):
@@ -110,7 +113,8 @@ class _State(NamedTuple):
 
 
 def minimise(
-    expansion: Callable[[Vector, Scalar], Expansion],
+    expansion: Callable[[Any, Vector, Scalar], Expansion],
+    args: Any,
     start: Vector,
     start_load: Scalar,
     guess: Vector,
@@ -123,34 +127,50 @@ def minimise(
     minimum that exists is never left, and where none exists the steps shrink on its rim and the load step is cut, as it
     is where one is found that is much larger (LEAP).
 
-    expansion: of the energy at (y, load). start: a minimum at start_load. guess: of the one at `load`. largest_step: of
-    the load.
+    expansion: of the energy at (args, y, load), without traced values of its own. start: a minimum at start_load.
+    guess: of the one at `load`. largest_step: of the load.
     """
     span = jnp.abs(load - start_load)
     safe = jnp.where(span > 0, load - start_load, 1.0)
     zero, no, none = jnp.zeros_like(load), jnp.asarray(False), jnp.asarray(0)
-    unknown, one = jnp.full_like(load, jnp.inf), jnp.ones_like(load)
+    yes, unknown = jnp.asarray(True), jnp.full_like(load, jnp.inf)
+    state = _State(start, start_load, start, no, start, start, zero, zero, zero, zero, unknown, none, yes, no, no, none)
+    largest = zero + largest_step
+    begun = _towards(start, start_load, (guess - start) / safe, largest, state, load)
+    end = lane_pool(_busy, _iteration(expansion), begun, (args, load, largest), slots=SLOTS)
+    return Minimum(end.kept, end.kept_load, end.slope, end.touching, end.reached, end.lost, end.count)
 
-    def towards(kept: Vector, kept_load: Scalar, slope: Vector, step: Scalar, state: _State) -> _State:
-        """Set out from an equilibrium to the next load."""
-        step = jnp.clip(load - kept_load, -jnp.abs(step), jnp.abs(step))
-        last = jnp.abs(load - kept_load) <= jnp.abs(step)
-        return state._replace(
-            kept=kept,
-            kept_load=kept_load,
-            slope=slope,
-            base=kept,
-            move=step * slope,
-            part=one,
-            energy=unknown,
-            load=jnp.where(last, load, kept_load + step),
-            trials=none,
-        )
 
-    def body(state: _State) -> _State:
+def _busy(state: _State) -> Bool[Array, ""]:
+    return state.active & (state.count < MAX_EVALUATIONS)
+
+
+def _towards(kept: Vector, kept_load: Scalar, slope: Vector, step: Scalar, state: _State, load: Scalar) -> _State:
+    """Set out from an equilibrium to the next load."""
+    step = jnp.clip(load - kept_load, -jnp.abs(step), jnp.abs(step))
+    last = jnp.abs(load - kept_load) <= jnp.abs(step)
+    return state._replace(
+        kept=kept,
+        kept_load=kept_load,
+        slope=slope,
+        base=kept,
+        move=step * slope,
+        part=jnp.ones_like(load),
+        energy=jnp.full_like(load, jnp.inf),
+        load=jnp.where(last, load, kept_load + step),
+        trials=jnp.zeros_like(state.trials),
+    )
+
+
+def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callable[[_State, Any], _State]:
+    """One expansion of the energy, and what follows from it."""
+
+    def iterate(state: _State, context: Any) -> _State:
+        args, load, largest_step = context
+        one = jnp.ones_like(load)
         state = state._replace(trials=state.trials + 1, count=state.count + 1)
         trial = state.base + state.part * state.move
-        x = expansion(trial, state.load)
+        x = expansion(args, trial, state.load)
         factor = jnp.linalg.cholesky(x.hessian), True
         step, slope = cho_solve(factor, jnp.stack([-x.gradient, -x.by_load], axis=1)).T
         size = jnp.max(jnp.abs(step))
@@ -172,7 +192,7 @@ def minimise(
         step_back = NEARER * (state.load - state.kept_load)
         small = jnp.abs(state.load - state.kept_load) <= jnp.where(leapt, TRUSTED_LEAP, TRUSTED)
         ceiling = jnp.where(small & ~nowhere, state.load, state.ceiling)
-        back = towards(state.kept, state.kept_load, state.slope, step_back, state)._replace(ceiling=ceiling)
+        back = _towards(state.kept, state.kept_load, state.slope, step_back, state, load)._replace(ceiling=ceiling)
         passed = jnp.abs(step_back) <= FINEST * jnp.abs(load)
         back = back._replace(active=~passed, lost=passed)
         stuck = nowhere | (~taken & (state.part * SHORTER < SHORTEST)) | (state.trials >= PATIENCE)
@@ -181,15 +201,8 @@ def minimise(
         there = state.load == load
         change = state.load - state.kept_load
         ahead = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
-        arrived = towards(trial + step, state.load, slope, jnp.minimum(ahead, largest_step), state)
+        arrived = _towards(trial + step, state.load, slope, jnp.minimum(ahead, largest_step), state, load)
         arrived = arrived._replace(touching=x.touching, active=~there, reached=there)
         return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
 
-    def busy(state: _State) -> Bool[Array, ""]:
-        return state.active & (state.count < MAX_EVALUATIONS)
-
-    yes = jnp.asarray(True)
-    state = _State(start, start_load, start, no, start, start, zero, zero, zero, zero, unknown, none, yes, no, no, none)
-    slope = (guess - start) / safe
-    state = lax.while_loop(busy, body, towards(start, start_load, slope, zero + largest_step, state))
-    return Minimum(state.kept, state.kept_load, state.slope, state.touching, state.reached, state.lost, state.count)
+    return iterate

@@ -19,6 +19,7 @@ from jax import lax
 from jax.custom_batching import custom_vmap, sequential_vmap
 from jaxtyping import Array, Float
 
+from ..numerics.batching import in_turn, one_at_a_time
 from ..numerics.choice import select
 from ..numerics.minimise import Minimum, minimise
 
@@ -47,9 +48,9 @@ def follow(
 
 # The members of a batch are solved one after the other: on a CPU one alone makes better use of matrix products, and
 # does not wait for others.
-@sequential_vmap
+@in_turn
 def _follow(scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar) -> Minimum:
-    return minimise(scene.expansion, start, start_load, guess, load, largest)
+    return minimise(type(scene).expansion, scene, start, start_load, guess, load, largest)
 
 
 def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
@@ -67,6 +68,10 @@ def _finder(largest: float) -> Callable[[Any, Scalar], Minimum]:
 
     @_find.def_vmap
     def _find_batch(axis_size, is_batched, *members):
+        if not one_at_a_time():
+            axes = jax.tree.map(lambda batched: 0 if batched else None, tuple(is_batched))
+            met = jax.vmap(lambda scene, load: follow(scene, *_flat(scene, load), load, largest), axes)(*members)
+            return met, jax.tree.map(lambda _: True, met)
         met = one_after_other(axis_size, tuple(is_batched), members, largest)
         return met, jax.tree.map(lambda _: True, met)
 

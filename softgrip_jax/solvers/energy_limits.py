@@ -7,9 +7,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Float
 
+from ..numerics.batching import in_turn
 from ..numerics.continuation import fold_load
 from ..numerics.control import hold, top
 from ..results import Solution, Status, stop_gradient_where_failed
@@ -44,7 +44,7 @@ def find_limit(scene: Any, largest: float) -> Found:
 
 
 # The members of a batch are solved one after the other, as equilibria are: see `energy_follow`.
-@sequential_vmap
+@in_turn
 def _limit(scene: Any, largest: Scalar) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
