@@ -42,7 +42,11 @@ def test_a_small_sample_runs_and_is_right(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "part", ["fingers", "methods", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"]
+    "part",
+    [
+        *("fingers", "methods", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"),
+        *("gpu_shells", "gpu_fingers", "gpu_energy", "gpu_search"),
+    ],
 )
 def test_every_part_runs(tmp_path, part):
     assert quick(tmp_path, part)[part]

@@ -24,10 +24,9 @@ def write_page(page: Path, folder: Path) -> None:
     """Fill the tables of the page from the folder's files, and draw its pictures beside them."""
     tables = {file.stem: measure.read(file) for file in sorted(folder.glob("*.csv"))}
     told = {file.stem: json.loads(file.read_text()) for file in sorted(folder.glob("*.json"))}
-    for part in ("shells", "fingers"):
-        if (folder / "gpu" / f"{part}.csv").exists():
-            tables[f"gpu_{part}"] = measure.read(folder / "gpu" / f"{part}.csv")
-            told[f"{part} (GPU)"] = json.loads((folder / "gpu" / f"{part}.json").read_text())
+    for file in sorted((folder / "gpu").glob("*.csv")):
+        tables[file.stem] = measure.read(file)
+        told[file.stem] = json.loads(file.with_suffix(".json").read_text())
     pictures.draw(folder, tables)
 
     def filled(found: re.Match) -> str:
@@ -137,6 +136,7 @@ def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
         (("fidelity",), add_fidelity),
         (("energy",), add_energy),
         (("explorer",), add_explorer),
+        (("gpu_shells", "gpu_fingers", "gpu_search"), add_gpu),
     ):
         if all(part in tables for part in needs):
             judge(add, tables)
@@ -160,6 +160,18 @@ def add_fingers(add: Callable[..., None], tables: Tables) -> None:
         speed = max(1 / row["seconds"] for row in good)
         add("finger, tip held: states per second, force to 1e-6", "100,000", whole(speed), speed >= 1e5)
     add_ratio(add, tables["fingers"], "finger tip contact")
+
+
+def add_gpu(add: Callable[..., None], tables: Tables) -> None:
+    """Batches and a search on a GPU."""
+    for scene in ("shell free", "shell flat", "shell cylinder"):
+        speed = max(1 / row["seconds"] for row in ours(tables["gpu_shells"], scene))
+        add(f"GPU, {scene}: states per second", "300,000,000", whole(speed), speed >= 3e8)
+    for setting in dict.fromkeys(row["setting"] for row in tables["gpu_fingers"]):
+        speed = max(1 / row["seconds"] for row in ours(tables["gpu_fingers"], "finger tip contact", setting))
+        add(f"GPU, finger, tip held, {setting}: states per second", "10,000,000", whole(speed), speed >= 1e7)
+    seconds = float(np.median([row["seconds"] for row in tables["gpu_search"] if row["run"] != "first"]))
+    add("GPU: a search of 512 designs, compiled", "at most 1 s", time_text(seconds), seconds <= 1)
 
 
 def add_ratio(add: Callable[..., None], rows: Rows, scene: str) -> None:
@@ -389,6 +401,16 @@ def _methods(tables: Tables, told: dict[str, Any]) -> list[str]:
     return lines[:-1]
 
 
+def _gpu_search(tables: Tables, told: dict[str, Any]) -> list[str]:
+    head = ["search", "designs", "run", "all of it", "descent", "finish", "designs solved"]
+    body = [
+        [row["search"], f"{row['designs']:g}", row["run"], time_text(row["seconds"]), time_text(row["descent_seconds"]),
+         time_text(row["finish_seconds"]), f"{row['solves']:,.0f}"]
+        for row in tables["gpu_search"]
+    ]  # fmt: skip
+    return grid(head, body)
+
+
 TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = {
     "machine": (_machine, ()),
     "targets": (_targets, ()),
@@ -407,4 +429,6 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "explorer": (_explorer, ("explorer",)),
     "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
     "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),
+    "gpu_energy": (_all_of("gpu_energy"), ("gpu_energy",)),
+    "gpu_search": (_gpu_search, ("gpu_search",)),
 }

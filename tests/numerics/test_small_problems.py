@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from softgrip_jax.numerics.collocation import between, gauss_points, integrals, remaining
-from softgrip_jax.numerics.small_linear import ELIMINATED, solve_and_sign
+from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
@@ -28,6 +28,20 @@ def test_lanes_of_linear_equations_and_the_sign_of_their_determinants(n):
     assert its_sign == sign[0]
     same, _ = jax.jit(jax.vmap(solve_and_sign, (None, 0)))(matrices[0], right)
     np.testing.assert_allclose(same[0], one, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("n", "k"), [(2, 1), (ELIMINATED + 5, 2), (ELIMINATED + 1, ELIMINATED + 1)])
+def test_square_factors_give_the_same(n, k):
+    """What a GPU takes for larger systems of a batch."""
+    random = np.random.default_rng(n)
+    matrices, right = random.normal(size=(9, n, n)), random.normal(size=(9, n, k))
+    matrices[::3, 0, 0] = 0
+    x, sign = jax.jit(jax.vmap(by_square_factors))(matrices, right)
+    expected = np.linalg.solve(matrices, right)
+    size = np.max(np.abs(expected), axis=(1, 2)) * np.linalg.cond(matrices)
+    assert np.all(np.max(np.abs(x - expected), axis=(1, 2)) < 1e-14 * size)
+    assert np.array_equal(sign, np.sign(np.linalg.det(matrices)))
+    assert not np.all(sign == sign[0])
 
 
 @pytest.mark.parametrize("n", [3, ELIMINATED + 1])
