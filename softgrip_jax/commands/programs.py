@@ -18,8 +18,11 @@ from ..folders import write_whole
 PACKAGE = Path(__file__).resolve().parent.parent
 OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 """XLA's newer way of writing loops takes more than half of the time in which a finger compiles, and saves a single
-solve nothing. XLA leaves the process over a flag that it does not know: it is set for versions that were seen."""
-SEEN_BELOW = (0, 11)
+solve nothing. XLA leaves the process over a flag that it does not know."""
+LOOPS_BELOW = (0, 11)
+"""Versions of jaxlib that know the flag; later ones have the newer way alone."""
+SEEN_BELOW = (0, 12)
+"""... and that were seen to know the options below."""
 SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
 """For a program that runs often: all optimisation, on several cores."""
 QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}
@@ -53,7 +56,7 @@ def settings() -> None:
     from jaxlib.version import __version_info__ as version
 
     flags = os.environ.get("XLA_FLAGS", "")
-    if OLDER_LOOPS not in flags and version < SEEN_BELOW:
+    if OLDER_LOOPS not in flags and version < LOOPS_BELOW:
         os.environ["XLA_FLAGS"] = f"{flags} {OLDER_LOOPS}=false".strip()
 
 

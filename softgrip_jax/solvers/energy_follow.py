@@ -1,10 +1,10 @@
 """Minima of a scene's energy that are followed as the load grows, and batches of them.
 
-The members of a batch are solved one after the other, each from a guess that those before it give. On a CPU one member
+On a CPU the members of a batch are solved one after the other, each from a guess that those before it give: one member
 alone makes better use of matrix products than many side by side, and does not wait for others. The guess is a linear
-fit, by least squares, of the coefficients over the numbers in which members differ. It decides what a
-member costs and not what is found: where the minimum is not close to the guess (BESIDE), the member is followed from
-the flat membrane as if it were alone.
+fit, by least squares, of the coefficients over the numbers in which members differ. It decides what a member costs and
+not what is found: where the minimum is not close to the guess (BESIDE), the member is followed from the flat membrane
+as if it were alone. Elsewhere members are solved side by side, all as if they were alone.
 """
 
 from __future__ import annotations
@@ -46,8 +46,6 @@ def follow(
     return _follow(scene, start, start_load, guess, load, jnp.asarray(largest))
 
 
-# The members of a batch are solved one after the other: on a CPU one alone makes better use of matrix products, and
-# does not wait for others.
 @in_turn
 def _follow(scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar) -> Minimum:
     return minimise(type(scene).expansion, scene, start, start_load, guess, load, largest)
@@ -55,7 +53,9 @@ def _follow(scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: 
 
 def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
     """The minimum at `load` on the branch that begins at the flat membrane, by load steps of at most `largest`."""
-    return _finder(largest)(scene, load)
+    if one_at_a_time():
+        return _finder(largest)(scene, load)
+    return follow(scene, *_flat(scene, load), load, largest)
 
 
 @functools.cache
@@ -68,10 +68,6 @@ def _finder(largest: float) -> Callable[[Any, Scalar], Minimum]:
 
     @_find.def_vmap
     def _find_batch(axis_size, is_batched, *members):
-        if not one_at_a_time():
-            axes = jax.tree.map(lambda batched: 0 if batched else None, tuple(is_batched))
-            met = jax.vmap(lambda scene, load: follow(scene, *_flat(scene, load), load, largest), axes)(*members)
-            return met, jax.tree.map(lambda _: True, met)
         met = one_after_other(axis_size, tuple(is_batched), members, largest)
         return met, jax.tree.map(lambda _: True, met)
 

@@ -43,7 +43,6 @@ def find_limit(scene: Any, largest: float) -> Found:
     return _limit(scene, jnp.asarray(largest))
 
 
-# The members of a batch are solved one after the other, as equilibria are: see `energy_follow`.
 @in_turn
 def _limit(scene: Any, largest: Scalar) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
