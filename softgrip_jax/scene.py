@@ -102,6 +102,10 @@ class Solver(eqx.Module):
 class BranchSolver(Solver):
     """A solver that knows the whole branch connected to zero load, so that it answers every question of a scene."""
 
+    def in_turn(self) -> bool:
+        """Whether a batch is solved one member after the other here, so that one more costs as much as each."""
+        return False
+
     @abc.abstractmethod
     def onset(self, scene: Any) -> Scalar:
         """The pressure (Pa) at which something is first touched, or pressure begins to act; with its derivatives."""

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -636,3 +637,18 @@ def test_curves_end_where_there_is_no_answer(data):
 def test_the_config_of_the_project_runs(tmp_path):
     study, _ = sweep.read(configs.load(ROOT / "configs" / "shell_sweep.toml"))
     assert study.designs.shape == (49, 46)
+
+
+def test_membranes_by_energy_are_not_filled_up_with_copies_and_know_each_other():
+    """Three designs are a batch of three, and two pressures of a design one program."""
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    scene = sg.shell.ObstacleContact(shell, sg.shell.obstacles.Plane(5 * mm), symmetry="both", across=2, lengthwise=2)
+    sizes = np.array([1.0, 1.1, 1.3]) * mm
+    asked = [sg.Quantity("force", PRESSURE), sg.Quantity("force", 1.0 * kPa)]
+    study = sg.Study(scene, ["shell.t_m"], asked, Grid([sizes]))
+    assert study.batch == study.call == 3
+    data, solved = study.run(), jax.jit(sg.solve)
+    for k, t_m in enumerate(sizes):
+        one = eqx.tree_at(lambda s: s.shell.t_m, scene, jnp.asarray(t_m))
+        assert float(data.force_at_12_kPa[k]) == pytest.approx(float(solved(one, PRESSURE).force), rel=1e-11)
+        assert data.status_1_kPa[k] == solved(one, 1.0 * kPa).status == sg.Status.NO_CONTACT

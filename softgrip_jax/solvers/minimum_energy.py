@@ -11,6 +11,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..errors import InputError
+from ..numerics.batching import one_at_a_time
 from ..numerics.minimise import Minimum
 from ..results import Status
 from ..scene import BranchSolver, Found, frozen
@@ -50,6 +51,9 @@ class MinimumEnergy(BranchSolver):
     def __check_init__(self) -> None:
         if not self.largest_step > 0:
             raise InputError(f"MinimumEnergy.largest_step is {self.largest_step!r}; it must be a positive number.")
+
+    def in_turn(self):
+        return one_at_a_time()
 
     def find(self, scene: Any, pressure, guess):
         return _labelled(scene, minimum_at(scene, _load(scene, pressure)[1], self.largest_step), pressure)

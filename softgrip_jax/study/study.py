@@ -36,6 +36,9 @@ DEVICE_BATCH = 1 << 16
 """... and on other devices."""
 LEAST_BATCH = 128
 """For studies of less than a batch."""
+IN_TURN_BATCH = 128
+"""Of scenes whose designs a CPU solves in turn, some milliseconds each: in a batch each begins from those before it. A
+block is one batch, and is not filled up with copies, which would take as long as designs."""
 
 
 class Study:
@@ -77,9 +80,13 @@ class Study:
         self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
-        self.batch = min(BATCH.get(jax.default_backend(), DEVICE_BATCH), _power_of_two(max(designs.count, LEAST_BATCH)))
+        if any(scene.prepared().solver().in_turn() for scene in scenes.values()):
+            self.batch, block = min(IN_TURN_BATCH, designs.count), IN_TURN_BATCH
+        else:
+            most, block = BATCH.get(jax.default_backend(), DEVICE_BATCH), BLOCK if _is_quick(scenes) else SLOW_BLOCK
+            self.batch = min(most, _power_of_two(max(designs.count, LEAST_BATCH)))
         """Designs that are solved together; small studies do not pay for a full batch."""
-        self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
+        self.blocks = Blocks.of(designs.shape, block, self.batch)
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
         """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
