@@ -17,6 +17,7 @@ from scipy.optimize import differential_evolution
 import softgrip_jax as sg
 from optim.design import settings
 from optim.design.descent import FEASIBLE, search
+from optim.design.run import _batch
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -82,6 +83,11 @@ def test_the_descent_alone_comes_near():
     assert found.paths.shape == (len(found.history["moving"]), 16)
     assert np.nanmin(found.paths) == pytest.approx(-44, rel=2e-3)
     assert 12 <= found.reached[0] <= 16  # a convex problem
+    said = _batch(found)
+    assert said.startswith("16 designs descended at once: ")
+    assert "finish" not in said
+    finished = dataclasses.replace(found, descended=0.999 * found.best.objective)
+    assert _batch(finished).endswith(" The finish improved the best of them by 0.001 of its objective.")
 
 
 def test_any_transformation_of_optax_will_do():

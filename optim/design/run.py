@@ -356,7 +356,8 @@ def _batch(result: SearchResult) -> str:
     said = f"{starts} designs descended at once{met}: {where}."
     if result.best.feasible and np.isfinite(result.descended):
         gain = (result.descended - result.best.objective) / max(abs(result.best.objective), 1e-300)
-        said += f" The finish improved the best of them by {gain:.1g} of its objective."
+        if gain > 0:  # none was asked for, or Ctrl-C came before it, where there is none
+            said += f" The finish improved the best of them by {gain:.1g} of its objective."
     return said
 
 
