@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="a small sample of everything, for tests")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the CSV files")
     every = (*PARTS, *gpu_part.PARTS)
-    parser.add_argument("--only", nargs="*", choices=every, default=every, help="measure these parts again")
+    parser.add_argument("--only", nargs="*", choices=every, default=[], help="measure these parts again")
     parser.add_argument("--part", choices=every, help=argparse.SUPPRESS)
     parser.add_argument("--core", type=int, help=argparse.SUPPRESS)
     parser.add_argument("--page", type=Path, help="the page to write; docs/speed-and-error.md, none with --quick")
@@ -47,7 +47,7 @@ def main() -> None:
     if on_gpu:
         folder = asked.out / "gpu"
         os.environ["SOFTGRIP_BENCH_WALL"] = "1"
-    parts = [part for part in (gpu_part.PARTS if on_gpu else PARTS) if part in asked.only]
+    parts = [part for part in every if part in asked.only] or list(gpu_part.PARTS if on_gpu else PARTS)
     together = [part for part in parts if part not in ALONE]
     failed = run_all(together, folder, asked.quick, on_gpu)
     for part in ALONE:
@@ -57,7 +57,7 @@ def main() -> None:
     print(f"{seconds:.0f} s for {', '.join(parts)}", flush=True)
     if failed:
         sys.exit(f"failed: {', '.join(failed)}; the tables of the others are in {folder}")
-    page = asked.page or (None if asked.quick or on_gpu else ROOT / "docs" / "speed-and-error.md")
+    page = asked.page or (None if asked.quick else ROOT / "docs" / "speed-and-error.md")
     if page:
         from .page import write_page
 

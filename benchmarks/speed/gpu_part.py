@@ -152,9 +152,11 @@ def _energy(quick: bool) -> list[Job]:
 
     from .energy_part import COLD, unlike
 
+    basis = {"across": 2, "lengthwise": 2} if quick else {}
+
     def force(u):
         def make(shell, gap):
-            return sg.shell.ObstacleContact(shell, Plane(gap), symmetry="both")
+            return sg.shell.ObstacleContact(shell, Plane(gap), symmetry="both", **basis)
 
         return sg.solve(unlike(u, make), COLD).force
 
