@@ -57,6 +57,9 @@ may be on another branch, behind the largest load: the load step is cut. So it i
 far. Contact bends y into shapes that the first guess knows nothing of, and keeps it from leaping far."""
 TRUSTED_LEAP = 0.02
 """As TRUSTED, where a step has led so far: nothing says that there is no minimum nearby."""
+DOUBTED = 1 / 64
+"""Nearer to the least load at which none was found than this part of the distance from which it was tried, it is tried
+again: what was too far for Newton's method was taken for a largest load."""
 FINEST = 3e-7
 """Load steps below this part of the load count as none: the load has passed its largest value."""
 PATIENCE = 40
@@ -104,6 +107,8 @@ class _State(NamedTuple):
     load: Scalar
     ceiling: Scalar
     """The least load at which none was found; inf before."""
+    room: Scalar
+    """How far that was from the last equilibrium when it was tried."""
     trials: Int[Array, ""]
     """At this load."""
     active: Bool[Array, ""]
@@ -134,7 +139,8 @@ def minimise(
     safe = jnp.where(span > 0, load - start_load, 1.0)
     zero, no, none = jnp.zeros_like(load), jnp.asarray(False), jnp.asarray(0)
     yes, unknown = jnp.asarray(True), jnp.full_like(load, jnp.inf)
-    state = _State(start, start_load, start, no, start, start, zero, zero, zero, zero, unknown, none, yes, no, no, none)
+    numbers = zero, zero, zero, zero, unknown, zero
+    state = _State(start, start_load, start, no, start, start, *numbers, none, yes, no, no, none)
     largest = zero + largest_step
     begun = _towards(start, start_load, (guess - start) / safe, largest, state, load)
     end = lane_pool(_busy, _iteration(expansion), begun, (args, load, largest), slots=SLOTS)
@@ -191,8 +197,11 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         nowhere = ~definite & first & (state.trials == 1)
         step_back = NEARER * (state.load - state.kept_load)
         small = jnp.abs(state.load - state.kept_load) <= jnp.where(leapt, TRUSTED_LEAP, TRUSTED)
-        ceiling = jnp.where(small & ~nowhere, state.load, state.ceiling)
-        back = _towards(state.kept, state.kept_load, state.slope, step_back, state, load)._replace(ceiling=ceiling)
+        end = small & ~nowhere
+        back = _towards(state.kept, state.kept_load, state.slope, step_back, state, load)._replace(
+            ceiling=jnp.where(end, state.load, state.ceiling),
+            room=jnp.where(end, jnp.abs(state.load - state.kept_load), state.room),
+        )
         passed = jnp.abs(step_back) <= FINEST * jnp.abs(load)
         back = back._replace(active=~passed, lost=passed)
         stuck = nowhere | (~taken & (state.part * SHORTER < SHORTEST)) | (state.trials >= PATIENCE)
@@ -200,9 +209,11 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         # An equilibrium: the next load, or the end.
         there = state.load == load
         change = state.load - state.kept_load
-        ahead = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(state.ceiling - state.load))
+        left = jnp.abs(state.ceiling - state.load)
+        ceiling = jnp.where(left < DOUBTED * state.room, jnp.inf, state.ceiling)
+        ahead = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(ceiling - state.load))
         arrived = _towards(trial + step, state.load, slope, jnp.minimum(ahead, largest_step), state, load)
-        arrived = arrived._replace(touching=x.touching, active=~there, reached=there)
+        arrived = arrived._replace(touching=x.touching, active=~there, reached=there, ceiling=ceiling)
         return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
 
     return iterate

@@ -170,6 +170,31 @@ def test_a_step_that_hardly_lowers_the_energy_is_cut(e):
     assert found.evaluations <= 12
 
 
+@partial(jax.jit, static_argnums=1)
+def _steep(load, center, slope=1e-3):
+    """F(y) = 1 + s (y - c) + k (y - c)^3 = load, with F(0) = 0: near the load 1, y rises by more than half of c."""
+    cubic = (1 - center * slope) / center**3
+
+    def energy(y, load):
+        z = y[0] - center
+        return y[0] + slope * z**2 / 2 + cubic * z**4 / 4 - load * y[0]
+
+    guess = jnp.reshape(load / (slope + 3 * cubic * center**2), 1)
+    return followed(expansion_of(energy), jnp.zeros(1), jnp.zeros(()), guess, load, 1.3)
+
+
+@pytest.mark.parametrize("center", [6.0, 12.0])
+def test_what_rises_steeply_has_no_largest_load(center):
+    """Steps that lead so far are cut as if there were none; nearer to it that is tried again."""
+    for load in np.linspace(0.9, 1.3, 21):
+        found = _steep(jnp.asarray(load), center)
+        assert found.reached
+        assert found.load == load
+        z = float(found.y[0]) - center
+        assert 1 + 1e-3 * z + (1 - 1e-3 * center) * (z / center) ** 3 == pytest.approx(load, abs=1e-12)
+        assert found.evaluations < 250
+
+
 def test_a_member_that_has_ended_makes_room_for_the_next(monkeypatch):
     """70 members in eight places, as on a GPU: each ends as it does alone."""
     monkeypatch.setattr(module, "SLOTS", 8)
