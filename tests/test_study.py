@@ -647,6 +647,9 @@ def test_membranes_by_energy_are_not_filled_up_with_copies_and_know_each_other()
     asked = [sg.Quantity("force", PRESSURE), sg.Quantity("force", 1.0 * kPa)]
     study = sg.Study(scene, ["shell.t_m"], asked, Grid([sizes]))
     assert study.batch == study.call == 3
+    larger = sg.Study(scene, ["shell.t_m", "shell.a"], asked, Grid([np.full(5, 1 * mm), np.full(46, 16 * mm)]))
+    assert larger.blocks.chunk == (2, 46)
+    assert larger.batch == larger.call == 92  # 128 would be a third more
     data, solved = study.run(), jax.jit(sg.solve)
     for k, t_m in enumerate(sizes):
         one = eqx.tree_at(lambda s: s.shell.t_m, scene, jnp.asarray(t_m))

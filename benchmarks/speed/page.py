@@ -50,11 +50,20 @@ def grid(head: list[str], body: list[list[str]]) -> list[str]:
 
 
 def time_text(seconds: Any) -> str:
-    """'1.2 µs', '340 ms', '2.1 s'; nothing for nothing."""
+    """'1.9 ns', '1.2 µs', '340 ms', '2.1 s'; nothing for nothing."""
     if not isinstance(seconds, float) or not np.isfinite(seconds):
         return ""
+    if 0 < seconds < 1e-7:
+        return f"{seconds / 1e-9:.3g} ns"
     unit, name = next(((u, n) for u, n in ((1.0, "s"), (1e-3, "ms")) if seconds >= u), (1e-6, "µs"))
     return f"{seconds / unit:.3g} {name}"
+
+
+def megabytes(value: Any) -> str:
+    """'0.012 MB', '33,400 MB'; nothing for nothing."""
+    if not isinstance(value, float):
+        return ""
+    return f"{whole(value)} MB" if value >= 100 else f"{value:.2g} MB"
 
 
 def small(value: Any) -> str:
@@ -92,7 +101,7 @@ def _measured(rows: Rows) -> list[str]:
             row["method"] + (f": {setting}" if setting else ""), f"{int(row['batch']):,}", small(row["error"]),
             small(row["gradient_error"]), time_text(row["seconds"]), per_second,
             f"{ratio:.1f}" if np.isfinite(ratio) else "", time_text(row["compile_seconds"]),
-            f"{row['memory_MB']:.2g} MB" if isinstance(row["memory_MB"], float) else "",
+            megabytes(row["memory_MB"]),
         ])  # fmt: skip
     head = ["method", "batch", "error", "of the gradient", "time per design", "per second", "with gradient: times",
             "compile", "memory"]  # fmt: skip

@@ -159,6 +159,7 @@ class Evaluator:
     def __init__(self, problem: Problem, chunk: int):
         self.problem, self.chunk, self.solves = problem, chunk, 0
         self.nearby_chunk = NEARBY_CHUNK if jax.default_backend() == "cpu" else max(chunk, NEARBY_CHUNK)
+        """Designs that are solved together from what is known nearby; all, where a call costs the same for any."""
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
         self.is_near = bool(problem.followed)

@@ -20,9 +20,9 @@ OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 """XLA's newer way of writing loops takes more than half of the time in which a finger compiles, and saves a single
 solve nothing. XLA leaves the process over a flag that it does not know."""
 LOOPS_BELOW = (0, 11)
-"""Versions of jaxlib that know the flag; later ones have the newer way alone."""
+"""The first version of jaxlib that does not know the flag, and has the newer way alone."""
 SEEN_BELOW = (0, 12)
-"""... and that were seen to know the options below."""
+"""Versions of jaxlib before this one were seen to know the options that follow."""
 SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
 """For a program that runs often: all optimisation, on several cores."""
 QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}

@@ -37,8 +37,8 @@ DEVICE_BATCH = 1 << 16
 LEAST_BATCH = 128
 """For studies of less than a batch."""
 IN_TURN_BATCH = 128
-"""Of scenes whose designs a CPU solves in turn, some milliseconds each: in a batch each begins from those before it. A
-block is one batch, and is not filled up with copies, which would take as long as designs."""
+"""At most, of scenes whose designs a CPU solves in turn, some milliseconds each: in a batch each begins from those
+before it. A block is one batch, so that only the last one is filled up with copies, which take as long as designs."""
 
 
 class Study:
@@ -81,12 +81,13 @@ class Study:
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
         if any(scene.prepared().solver().in_turn() for scene in scenes.values()):
-            self.batch, block = min(IN_TURN_BATCH, designs.count), IN_TURN_BATCH
+            self.blocks = Blocks.of(designs.shape, IN_TURN_BATCH)
+            self.batch = self.blocks.size
         else:
-            most, block = BATCH.get(jax.default_backend(), DEVICE_BATCH), BLOCK if _is_quick(scenes) else SLOW_BLOCK
+            most = BATCH.get(jax.default_backend(), DEVICE_BATCH)
             self.batch = min(most, _power_of_two(max(designs.count, LEAST_BATCH)))
-        """Designs that are solved together; small studies do not pay for a full batch."""
-        self.blocks = Blocks.of(designs.shape, block, self.batch)
+            self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
+        # The batch is what is solved together; small studies do not pay for a full one.
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
         """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
