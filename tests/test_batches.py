@@ -1,7 +1,9 @@
 """A batch of solutions as a sequence, as text and as tables of other packages."""
 
 import html.parser
+import re
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -195,3 +197,16 @@ def test_xarray(curve, grid, tmp_path):
     assert one["force"].dims == ("state",)
     one.to_netcdf(tmp_path / "curve.nc", engine="h5netcdf")
     assert sg.solve(PLANE, 15 * kPa).to_xarray()["force"].shape == ()
+
+
+def test_a_batch_calls_lapack_for_one_member_after_the_other():
+    """jaxlib 0.10 hangs where as many batches are factorised side by side as there are threads."""
+
+    def of_thickness(t_m):
+        finger = eqx.tree_at(lambda finger: finger.t_m, sg.PneuNet.table_5_1("A"), t_m)
+        return sg.solve(sg.pneunet.TipContact(finger), 20 * kPa).tip_force
+
+    program = jax.jit(jax.vmap(jax.grad(of_thickness))).lower(jnp.linspace(1.0, 1.4, 64) * mm).as_text()
+    calls = re.findall(r"custom_call @lapack_\w+\(.*: \(tensor<([\dx]+)xf64>", program)
+    assert len(calls) >= 3
+    assert all(shape.count("x") == 1 for shape in calls)

@@ -17,6 +17,8 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .small_linear import solve
+
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
 Linear = Callable[[Vector, Scalar], tuple[Vector, Float[Array, "n n"], Vector]]
@@ -49,7 +51,7 @@ def _correct(linear: Linear, y: Vector, load: Scalar, direction: Vector, place: 
     matrix = jnp.zeros((n + 1, n + 1), y.dtype).at[:n, :n].set(hessian).at[:n, n].set(by_load).at[n, :n].set(direction)
     right = jnp.zeros((n + 1, 2), y.dtype)
     right = right.at[:n, 0].set(-gradient).at[n, 0].set(place - direction @ y).at[n, 1].set(1.0)
-    step, tangent = jnp.linalg.solve(matrix, right).T
+    step, tangent = solve(matrix, right).T
     return y + step[:n], load + step[n], tangent[:n], tangent[n], jnp.max(jnp.abs(step))
 
 

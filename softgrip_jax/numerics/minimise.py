@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
-from .batching import lane_pool
+from .batching import in_turn, lane_pool
 from .choice import select
 
 Vector = Float[Array, " n"]
@@ -168,6 +168,12 @@ def _towards(kept: Vector, kept_load: Scalar, slope: Vector, step: Scalar, state
     )
 
 
+@in_turn
+def _downhill(hessian: Float[Array, "n n"], right: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    """hessian @ x = right; not a number where it is not positive definite."""
+    return cho_solve((jnp.linalg.cholesky(hessian), True), right)
+
+
 def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callable[[_State, Any], _State]:
     """One expansion of the energy, and what follows from it."""
 
@@ -177,8 +183,7 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         state = state._replace(trials=state.trials + 1, count=state.count + 1)
         trial = state.base + state.part * state.move
         x = expansion(args, trial, state.load)
-        factor = jnp.linalg.cholesky(x.hessian), True
-        step, slope = cho_solve(factor, jnp.stack([-x.gradient, -x.by_load], axis=1)).T
+        step, slope = _downhill(x.hessian, jnp.stack([-x.gradient, -x.by_load], axis=1)).T
         size = jnp.max(jnp.abs(step))
         definite = jnp.all(jnp.isfinite(step)) & jnp.isfinite(x.value)
         falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))

@@ -2,6 +2,10 @@
 
 Libraries that were looked at: `jnp.linalg.solve` and lineax call LAPACK once for every member of a batch, and neither
 gives the sign of the determinant, by which a path knows its branch, from the same factorisation.
+
+On a CPU LAPACK is called for one member of a batch after the other. jaxlib before 0.11 gives a batch in pieces to the
+threads that run the program; where each of them has such a batch and waits for its pieces, none is left to work on
+them, and the program hangs (seen with two threads).
 """
 
 from __future__ import annotations
@@ -10,7 +14,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
+from jax.scipy.linalg import lu_factor, lu_solve
 from jaxtyping import Array, Float
+
+from .batching import in_turn, one_at_a_time
 
 
 def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -29,7 +36,23 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
         y = p * fg + q * (a * i - c * g) + r * (c * d - a * f)
         z = p * dh + q * (b * g - a * h) + r * (a * e - b * d)
         return jnp.stack([x, y, z]) / (a * ei + b * fg + c * dh)
-    return jnp.linalg.solve(matrix, right)
+    return solve(matrix, right)
+
+
+_factors = in_turn(lambda matrix: lu_factor(matrix))
+_by_factors = in_turn(lambda factors, right: lu_solve(factors, right))
+_by_transposed = in_turn(lambda factors, right: lu_solve(factors, right, trans=1))
+
+
+def solve(matrix: Float[Array, "n n"], right: Float[Array, n * k]) -> Float[Array, n * k]:
+    """matrix @ x = right, as `jnp.linalg.solve`, by LAPACK; with derivatives of any order."""
+    factors = _factors(lax.stop_gradient(matrix))
+    return lax.custom_linear_solve(
+        lambda x: matrix @ x,
+        right,
+        lambda _, b: _by_factors(factors, b),
+        lambda _, b: _by_transposed(factors, b),
+    )
 
 
 ELIMINATED = 12
@@ -45,10 +68,16 @@ def solve_and_sign(
 
     The right sides are factorised along with the matrix: what is left of them is solved for by the upper part alone.
     """
-    n = matrix.shape[0]
-    factors, pivots, _ = lax.linalg.lu(jnp.concatenate([matrix, right], axis=1))
+    x, diagonal, pivots = _by_lapack(jnp.concatenate([matrix, right], axis=1))
+    return x, _sign(diagonal, pivots)
+
+
+def _by_lapack(rows: Float[Array, "n m"]) -> tuple[Float[Array, "n k"], Float[Array, " n"], Array]:
+    """From a matrix with its right sides: x, the diagonal of the factors, and the rows that were swapped."""
+    n = len(rows)
+    factors, pivots, _ = lax.linalg.lu(rows)
     x = lax.linalg.triangular_solve(factors[:, :n], factors[:, n:], left_side=True, lower=False)
-    return x, _sign(factors, pivots)
+    return x, jnp.diagonal(factors), pivots
 
 
 def by_square_factors(
@@ -59,13 +88,13 @@ def by_square_factors(
     factors, pivots, order = lax.linalg.lu(matrix)
     below = lax.linalg.triangular_solve(factors, right[order], left_side=True, lower=True, unit_diagonal=True)
     x = lax.linalg.triangular_solve(factors, below, left_side=True, lower=False)
-    return x, _sign(factors, pivots)
+    return x, _sign(jnp.diagonal(factors), pivots)
 
 
-def _sign(factors: Float[Array, "n m"], pivots: Array) -> Float[Array, ""]:
-    """Of the determinant, from the factors of a matrix and the rows that were swapped."""
-    swaps = jnp.sum(pivots != jnp.arange(len(factors), dtype=pivots.dtype))
-    return jnp.prod(jnp.sign(jnp.diagonal(factors))) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
+def _sign(diagonal: Float[Array, " n"], pivots: Array) -> Float[Array, ""]:
+    """Of the determinant, from the diagonal of the factors and the rows that were swapped."""
+    swaps = jnp.sum(pivots != jnp.arange(len(diagonal), dtype=pivots.dtype))
+    return jnp.prod(jnp.sign(diagonal)) * jnp.where(swaps % 2 == 0, 1.0, -1.0)
 
 
 @solve_and_sign.def_vmap
@@ -77,8 +106,10 @@ def _of_batch(size, is_batched, matrix, right):
     )
     n = matrix.shape[1]
     if n > ELIMINATED:
-        one = solve_and_sign.fun if jax.default_backend() == "cpu" else by_square_factors
-        return jax.vmap(one)(matrix, right), (True, True)
+        if one_at_a_time():
+            x, *signs = lax.map(_by_lapack, jnp.concatenate([matrix, right], axis=2))
+            return (x, jax.vmap(_sign)(*signs)), (True, True)
+        return jax.vmap(by_square_factors)(matrix, right), (True, True)
     rest = jnp.moveaxis(jnp.concatenate([matrix, right], axis=2), 0, -1)
     sign, rows = jnp.ones(size, matrix.dtype), []
     for _ in range(n):

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from ..numerics.batching import in_turn, one_at_a_time
 from ..numerics.choice import select
 from ..numerics.minimise import Minimum, minimise
+from ..numerics.small_linear import solve
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -149,4 +150,4 @@ def _guess(known: _Known, here: Numbers, load: Scalar) -> Vector:
     """By the fit; from the last member where that is close, along its tangent with the load."""
     tangent = known.last.y + (load - known.last.load) * known.last.slope
     close = jnp.max(jnp.abs(here - known.numbers)) < CLOSE
-    return jnp.where(close, tangent, jnp.linalg.solve(known.products, here) @ known.found)
+    return jnp.where(close, tangent, solve(known.products, here) @ known.found)

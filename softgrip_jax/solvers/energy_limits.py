@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 from ..numerics.batching import in_turn
 from ..numerics.continuation import fold_load
 from ..numerics.control import hold, top
+from ..numerics.small_linear import solve
 from ..results import Solution, Status, stop_gradient_where_failed
 from ..scene import Found, frozen
 from .energy_follow import follow
@@ -51,7 +52,7 @@ def _limit(scene: Any, largest: Scalar) -> Found:
     kept, scaled = climb.y, climb.load**3
     # Next to the limit this is the direction in which stiffness is lost.
     _, jacobian, by_load = _linear(scene)(kept, scaled)
-    yielding = jnp.linalg.solve(jacobian, -by_load)
+    yielding = solve(jacobian, -by_load)
     peak = top(_linear(scene), kept, scaled, yielding / jnp.linalg.norm(yielding), REACH + zero)
     above = peak.load >= scaled * (1 - CLOSE)
     at_fold = climb.lost & peak.good & above

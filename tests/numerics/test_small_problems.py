@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from softgrip_jax.numerics.collocation import between, gauss_points, integrals, remaining
-from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve_and_sign
+from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
@@ -53,6 +53,29 @@ def test_a_singular_lane_is_not_finite_and_spoils_no_other(n):
     assert not np.any(np.isfinite(x[2]))
     others = np.array([0, 1, 3, 4])
     np.testing.assert_allclose(x[others], np.linalg.solve(matrices[others], right[others]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("columns", [(), (3,)])
+def test_a_solution_and_its_derivatives_are_those_of_jax(columns):
+    """Values, gradients, second derivatives, lanes of lanes."""
+    random = np.random.default_rng(len(columns))
+    matrices, right = random.normal(size=(7, 5, 5)), random.normal(size=(7, 5, *columns))
+
+    def everything(solve):
+        def of_lane(matrix, right):
+            return jnp.sum(jnp.sin(solve(matrix, right)))
+
+        def of_lanes(matrices, right):
+            return jnp.sum(jax.vmap(of_lane)(matrices, right))
+
+        slopes = jax.grad(of_lanes, (0, 1))(matrices, right)
+        curvature = jax.hessian(of_lane)(matrices[0], right[0])
+        by_factor = jax.vmap(lambda f: jax.vmap(solve, (0, None))(matrices, f * right[0]))(jnp.arange(1.0, 4.0))
+        return slopes, curvature, by_factor
+
+    found, expected = (jax.jit(everything, static_argnums=0)(one) for one in (solve, jnp.linalg.solve))
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-10 * np.max(np.abs(other)))
 
 
 def test_what_is_computed_once_has_the_derivatives_that_it_should_have():

@@ -26,6 +26,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.collocation import Points, between, integrals, remaining
 from ...numerics.shooting import adaptive
+from ...numerics.small_linear import solve
 from ...numerics.xla import cos_and_sin, differentiated_once
 from ..section.base import SectionLaw
 
@@ -277,5 +278,5 @@ def corrected(
         return jnp.concatenate([clamped, (there - y[1:]).reshape(-1), jnp.stack([y[-1, 1], last])])
 
     u = jnp.append(states.reshape(-1), force)
-    move = jnp.linalg.solve(jax.jacfwd(every)(u), every(u))
+    move = solve(jax.jacfwd(every)(u), every(u))
     return move[size - 4 : size], move[-1]
