@@ -13,11 +13,11 @@ from .shell.energy.scene import EnergyScene
 
 FREE = {
     "arc": "13 to 15 % less than finite elements, 5 to 17.5 kPa",
-    "energy": "0.1 to 1.2 % less than finite elements, 5 to 17.5 kPa",
+    "energy": "0.3 to 1.2 % less than finite elements, 5 to 17.5 kPa",
 }
 PLANE = {
     "arc": "11 to 21 % less than finite elements, 5 to 20 kPa",
-    "energy": "within 1.6 % of finite elements, 5 to 20 kPa",
+    "energy": "within 1.2 % of finite elements, 5 to 20 kPa",
 }
 LIMIT = {"arc": "3.2 % more than finite elements", "energy": "0.3 % less than finite elements"}
 DRIVE = "a quarter of what finite elements of chambers, rims and cover together give; drive = 'cell' is near them"
