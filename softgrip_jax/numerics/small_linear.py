@@ -44,7 +44,7 @@ _by_factors = in_turn(lambda factors, right: lu_solve(factors, right))
 _by_transposed = in_turn(lambda factors, right: lu_solve(factors, right, trans=1))
 
 
-def solve(matrix: Float[Array, "n n"], right: Float[Array, n * k]) -> Float[Array, n * k]:
+def solve(matrix: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
     """matrix @ x = right, as `jnp.linalg.solve`, by LAPACK; with derivatives of any order."""
     factors = _factors(lax.stop_gradient(matrix))
     return lax.custom_linear_solve(
