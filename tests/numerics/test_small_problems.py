@@ -59,7 +59,8 @@ def test_a_singular_lane_is_not_finite_and_spoils_no_other(n):
 def test_a_solution_and_its_derivatives_are_those_of_jax(columns):
     """Values, gradients, second derivatives, lanes of lanes."""
     random = np.random.default_rng(len(columns))
-    matrices, right = random.normal(size=(7, 5, 5)), random.normal(size=(7, 5, *columns))
+    matrices = jnp.asarray(random.normal(size=(7, 5, 5)))
+    right = jnp.asarray(random.normal(size=(7, 5, *columns)))
 
     def everything(solve):
         def of_lane(matrix, right):
