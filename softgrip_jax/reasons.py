@@ -70,6 +70,7 @@ class Reason(enum.IntEnum):
     FINGERS_APART_AT_REST = 109
     CLEAR_OF_GROUND = 110
     MEMBRANE_CLEAR_AT_REST = 111
+    MEMBRANE_ABOVE_CLAMP = 112
     TIP_IN_REACH = 120
     COVER_BEARS_PULL = 121
 
@@ -258,6 +259,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "length",
         "the flat membrane is {} inside the object at rest",
         "the flat membrane is inside the object at rest",
+    ),
+    Reason.MEMBRANE_ABOVE_CLAMP: (
+        "length",
+        "the membrane bulges {} too far back through the plane of its clamp",
+        "the membrane bulges back through the plane of its clamp",
     ),
 }
 

@@ -193,6 +193,22 @@ def test_an_obstacle_inside_the_flat_membrane():
     assert solution.reason_text() == f"the flat membrane is {-clear:.4g} mm inside the object at rest"
 
 
+def test_a_membrane_that_bulges_back_through_its_clamp():
+    """A long shell of a material that stiffens: two bulges at its ends push the middle down, and it was OK so."""
+    wall = sg.FlatShell(a=19 * mm, b=55 * mm, t_m=0.76 * mm, material=sg.Gent(mu=170 * kPa, j_m=40.0))
+    scene = sg.shell.Free(wall, model="energy", bending=False)
+    seen = sg.path(scene, np.array([5, 10, 20, 30]) * kPa)
+    margins = np.asarray(seen.margins["membrane_above_clamp"]) / mm
+    assert np.all(margins[:2] > 0.3)
+    assert np.all(margins[2:] < -1)
+    assert list(seen.status) == [sg.Status.OK, sg.Status.OK, sg.Status.IMPOSSIBLE, sg.Status.IMPOSSIBLE]
+    assert np.all(np.isnan(seen.inflation[2:]))
+    text = f"the membrane bulges {-margins[3]:.4g} mm too far back through the plane of its clamp"
+    assert seen[3].reason_text() == text
+    ignored = dataclasses.replace(scene, ignored_rules=("membrane_above_clamp",))
+    assert sg.solve(ignored, 30 * kPa).inflation < 0
+
+
 # --- bent states ------------------------------------------------------------------------------------------------------
 
 FINE = 2001

@@ -48,7 +48,7 @@ class ObstacleContact(EnergyScene):
         >>> ball = sg.shell.obstacles.Sphere(radius=20 * mm, gap=5 * mm)
         >>> touched = sg.shell.ObstacleContact(shell, ball, across=2, lengthwise=2)  # few polynomials: quick and rough
         >>> print(f"{sg.solve(touched, 12 * kPa).force:.2f} N")
-        6.77 N
+        6.78 N
     """
 
     obstacle: Obstacle = part(Obstacle)

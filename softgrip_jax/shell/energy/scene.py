@@ -115,6 +115,12 @@ class EnergyScene(Scene):
         places = jnp.stack([self.shell.a * x, self.shell.b * y, jnp.zeros_like(self.shell.a * x)], axis=-1)
         return {"membrane_clear_at_rest": smallest(jax.vmap(self.body.distance)(places))}
 
+    def margins_of_state(self, unknowns, pressure):
+        """membrane_above_clamp: half the wall more than the least height of the middle surface over the plane of its
+        clamp, at the quadrature points. What bulges further back passes through the frame, and often through itself."""
+        heights = self.functional.deformed(unknowns)[:, 2, 0] * self.shell.a
+        return {"membrane_above_clamp": smallest(heights) + 0.5 * self.shell.t_m}
+
     def expansion(self, y: Vector, load: Scalar) -> Expansion:
         """The energy with its derivatives at a load, for `minimise`."""
         x = self.functional.expand(y, self, load**3)
