@@ -424,8 +424,8 @@ def test_convergence_shows_the_history():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["free", "flat"])
-def test_the_branch_of_an_energy_membrane_ends_behind_its_limit_or_at_the_end_of_its_model(name):
-    """Free inflation has a limit point, as for arcs; a plane leaves none, and the branch goes nearly to the end."""
+def test_the_branch_of_an_energy_membrane_ends_behind_its_limit(name):
+    """Free inflation has a limit point, as for arcs; on a plane it is the free band at the sides that gives way."""
     scene = {
         "free": sg.shell.Free(shell(), model="energy"),
         "flat": sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"),
@@ -436,10 +436,11 @@ def test_the_branch_of_an_energy_membrane_ends_behind_its_limit_or_at_the_end_of
     assert np.sum(good) >= 30
     assert np.max(pressure) <= limit * (1 + 1e-6)
     assert np.max(pressure) > 0.8 * limit
-    assert (pressure[-1] < 0.99 * limit) or name == "flat"
+    assert pressure[-1] < 0.99 * limit
+    assert limit > (15 if name == "free" else 60) * kPa
     (ax,) = plots.curve_of(curve, "inflation", limit).axes
     dashed = [line for line in ax.lines if line.get_linestyle() == "--"]
-    assert bool(dashed) == (name == "free")
+    assert dashed
 
 
 def test_what_cannot_be_drawn_says_so():
