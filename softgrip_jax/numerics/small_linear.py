@@ -39,6 +39,7 @@ def solve_small(matrix: Float[Array, "n n"], right: Float[Array, " n"]) -> Float
     return solve(matrix, right)
 
 
+# Without the defaults of SciPy's signatures, which a rule for batches would take for arrays.
 _factors = in_turn(lambda matrix: lu_factor(matrix))
 _by_factors = in_turn(lambda factors, right: lu_solve(factors, right))
 _by_transposed = in_turn(lambda factors, right: lu_solve(factors, right, trans=1))

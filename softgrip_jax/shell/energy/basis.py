@@ -116,16 +116,20 @@ def _gauss(n: int) -> Rule:
     return x[x > 0], 2 * weights[x > 0]
 
 
+def _sheet_points(grid: Grid) -> tuple[Rule, Rule]:
+    return _gauss(grid.across + SPARE_POINTS), _gauss(grid.along + SPARE_POINTS)
+
+
 @functools.cache
 def quadrature(grid: Grid) -> Tables:
     """Gauss points for the sheet."""
-    return _product(grid, (_gauss(grid.across + SPARE_POINTS), _gauss(grid.along + SPARE_POINTS)))
+    return _product(grid, _sheet_points(grid))
 
 
 @functools.cache
 def bending_tables(grid: Grid) -> Tables:
-    """The sheet's points: first and second derivatives. With fewer, polynomials fold between the points at no cost."""
-    return _product(grid, (_gauss(grid.across + SPARE_POINTS), _gauss(grid.along + SPARE_POINTS)), ORDERS[1:])
+    """The same for bending: first and second derivatives. With fewer points polynomials fold between them freely."""
+    return _product(grid, _sheet_points(grid), ORDERS[1:])
 
 
 @functools.cache
@@ -135,7 +139,7 @@ def clamp_tables(grid: Grid) -> Tables:
     The weights of each pair of edges sum to 4, two sides of length 2.
     """
     edge = np.ones(1), 2 * np.ones(1)
-    across, along = (_gauss(n + SPARE_POINTS) for n in (grid.across, grid.along))
+    across, along = _sheet_points(grid)
     long, short = _product(grid, (edge, along), ORDERS[1:2]), _product(grid, (across, edge), ORDERS[2:3])
     u, v, w = (np.concatenate(pair, axis=1) for pair in zip(long.values, short.values, strict=True))
     points, weights = (np.concatenate(pair) for pair in zip(long[:2], short[:2], strict=True))

@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .basis import Grid, Tables, Values, at_points, bending_tables, clamp_tables, contact_tables, quadrature
-from .sheet import bending, bending_measures, chained_bending, clamping, local, tension_field
+from .sheet import bending, bending_measures, chained_bending, clamping, local, stretching
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -256,16 +256,8 @@ def _expansion(function: Callable[[Vector], Scalar]) -> Callable[[Vector], tuple
 def _sheet(e: Float[Array, "3 3"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
     """Of the stretched sheet and the air beneath it, per flat area."""
     shell, at = scene.shell, local(e, point, scene.shell.a / scene.shell.b)
-    elastic = _stretching(scene, at.trace, at.determinant)
+    elastic = stretching(shell.material, scene.bending, at.trace, at.determinant)
     return elastic / shell.material.shear_modulus() - load * at.place[2] * at.normal[2]
-
-
-def _stretching(scene: Any, trace: Scalar, determinant: Scalar) -> Scalar:
-    """W of the middle surface. What resists bending resists compression, too, and the two terms together are the mean
-    energy of the fibres, which is never negative; what does not wrinkles at no cost."""
-    if not scene.bending:
-        trace, determinant = tension_field(trace, determinant)
-    return scene.shell.material.sheet_energy(trace, determinant)
 
 
 def _bending(e: Float[Array, "3 5"], point: Float[Array, 2], scene: Any, load: Scalar) -> Scalar:
@@ -330,7 +322,7 @@ class _Sheet:
         self.xx, self.yy, self.xy = _dot(x, x), _dot(y, y), _dot(x, y)
 
         def energy(invariants):
-            return _stretching(scene, *invariants) / mu
+            return stretching(shell.material, scene.bending, *invariants) / mu
 
         invariants = jnp.stack([self.xx + self.yy, self.xx * self.yy - self.xy**2], axis=-1)
         self.energy, by, curved = jax.vmap(_expansion(energy))(invariants)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .basis import CONTACT_POINTS, ORDERS, Grid, Vector, at_points, contact_axes
-from .sheet import local, tension_field
+from .sheet import local, stretching
 
 TINY = 1e-30
 """It keeps a square root away from zero whose derivative nobody asks for."""
@@ -135,8 +135,8 @@ def _borne(e: Float[Array, "3 6"], scene: Any) -> Array:
     shell, aspect = scene.shell, scene.shell.a / scene.shell.b
 
     def energy(f):
-        found = tension_field(jnp.sum(f * f), jnp.sum(jnp.cross(f[0], f[1]) ** 2))
-        return shell.material.sheet_energy(*found) / shell.material.shear_modulus()
+        found = stretching(shell.material, scene.bending, jnp.sum(f * f), jnp.sum(jnp.cross(f[0], f[1]) ** 2))
+        return found / shell.material.shear_modulus()
 
     at = local(e, jnp.zeros(2), aspect)
     tangents = jnp.stack([at.along_x, at.along_y])

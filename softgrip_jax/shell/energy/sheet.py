@@ -7,7 +7,7 @@ The membrane 2a x 2b lies in z = 0; its point (xi a, eta b) moves by a (u, v, w)
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -71,6 +71,12 @@ def tension_field(trace: Scalar, determinant: Scalar) -> tuple[Scalar, Scalar]:
     wrinkled, slack = determinant < stretch, square < 1
     drawn = jnp.where(slack, 2.0, square + 1 / stretch), jnp.where(slack, 1.0, stretch)
     return jnp.where(wrinkled, drawn[0], trace), jnp.where(wrinkled, drawn[1], determinant)
+
+
+def stretching(material: Any, bends: bool, trace: Scalar, determinant: Scalar) -> Scalar:
+    """W of the middle surface, J/m^3. What resists bending resists compression, too: with `bending` this is the mean
+    energy of the fibres, which is never negative. What does not bend wrinkles at no cost."""
+    return material.sheet_energy(*((trace, determinant) if bends else tension_field(trace, determinant)))
 
 
 def bending_measures(e: Float[Array, "3 5"], aspect: Scalar) -> Float[Array, 6]:
