@@ -296,6 +296,9 @@ def test_a_plane_is_pressed_evenly():
     pressed = maps["contact_pressure"] / (11.9 * kPa)
     assert np.all(abs(pressed[32:49, 20:61] - 1) < 0.06)
     assert np.all(pressed[:8] == 0)
+    # Not at the clamps, 5 mm below the plane.
+    assert np.all(pressed[:, :2] == 0)
+    assert np.all(pressed[:, -2:] == 0)
     stretched = maps["larger_stretch"] * maps["smaller_stretch"]
     assert np.sum(maps["contact_pressure"] * stretched) * (32 * mm / 80) * (86 * mm / 80) == pytest.approx(
         float(solution.force), rel=0.01

@@ -16,6 +16,9 @@ TINY = 1e-30
 """It keeps a square root away from zero whose derivative nobody asks for."""
 MEAN_OVER = 0.6
 """Width of the weights, in half sides per polynomial of w: what polynomials cannot follow is left out."""
+CLOSE = 2.0
+"""Walls: an outer face that is further off does not touch, whatever is pressed around it. Nearer ones may have to
+take what polynomials smear over the contact's edge."""
 PRESSED = 0.05
 """A map shows contact where its mean presses at least so much of what the air does."""
 
@@ -107,7 +110,9 @@ def surface(scene: Any, unknowns: Vector, pressure: Array, n: int) -> dict[str, 
     }
     if scene.body is not None:
         load, layer = pressure / scene.unit(), scene.contact_pressures(unknowns, pressure)
-        near = contact_average(scene.grid, points) @ layer > PRESSED * load
+        thickness = shell.t_m / shell.a
+        gaps = jax.vmap(lambda at: scene.body.distance(shell.a * at.face(thickness)))(at)
+        near = (contact_average(scene.grid, points) @ layer > PRESSED * load) & (gaps < CLOSE * shell.t_m)
         borne = jax.vmap(_borne, in_axes=(0, None))(e, scene)
         pressed = jnp.where(near, jnp.maximum(0.0, load - borne), 0.0)
         areas = jnp.sqrt(determinant) * np.outer(*2 * [np.r_[1, np.full(n - 2, 2), 1] / (n - 1)]).ravel()
