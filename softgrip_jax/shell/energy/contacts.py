@@ -1,34 +1,28 @@
 """The energy membrane on the thesis's objects: what their arc scenes are solved as with `model="energy"`.
 
-Half axes of a contact are those of the ellipse on which an even pressure has the same second moments: sums over the
-contact points, smooth where single points take turns in pressing.
+Half axes of a contact are those of the ellipse on which an even pressure has the same second moments; on a parallel
+plane those of the oval, a rectangle between two half circles, as the arcs have it. They are sums over the contact
+points, smooth where single points take turns in pressing.
 """
 
 from __future__ import annotations
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..flat_shell import Scalar
 from ..obstacles import Cylinder, Plane
-from .basis import Vector, at_points
-from .maps import contact_average
-from .resting import CONTACT, contact_observables, half_axis, resting_on
+from .basis import Vector
+from .resting import CONTACT, contact_observables, half_axes_of_oval, half_axis, resting_on
 from .scene import EnergyFree, EnergyScene
-from .sheet import local
-
-LINE_POINTS = 40
-"""Gauss points along an axis: the edge of the contact is found to a hundredth of a half side."""
 
 
 class EnergyFlat(EnergyScene):
     """A plane parallel to the membrane: what `FlatContact(shell, distance, model="energy")` is solved as.
 
-    contact_half_width, contact_half_length: how far the pressed part reaches from the middle along x and y, m.
+    contact_half_width, contact_half_length: how far the oval contact reaches from the middle along x and y, m.
     """
 
     OBSERVABLES: ClassVar = (
@@ -38,32 +32,10 @@ class EnergyFlat(EnergyScene):
     )
 
     def measured(self, y, contact_pressures, pressure):
-        return contact_observables(self, y, contact_pressures, pressure)
-
-    def observe(self, unknowns, pressure):
-        observed = super().observe(unknowns, pressure)
-        width, length = self._half_axes(unknowns, self.contact_pressures(unknowns, pressure), pressure)
-        return {
-            name: (observed | {"contact_half_width": width, "contact_half_length": length})[name]
-            for name in self.OBSERVABLES
-        }
-
-    def _half_axes(self, y, contact_pressures, pressure):
-        """Along each axis: integral of contact pressure over pressure, which is one where the membrane lies flat."""
-        nodes, weights = np.polynomial.legendre.leggauss(LINE_POINTS)
-        shell, halves = self.shell, []
-        aspect = shell.a / shell.b
-        for axis in (0, 1):
-            points = np.zeros((LINE_POINTS, 2))
-            points[:, axis] = (nodes + 1) / 2
-            values = at_points(self.grid, points)
-            at = jax.vmap(local, in_axes=(0, 0, None))(self.functional.deformed(y, values), points, aspect)
-            pressing = contact_average(self.grid, points) @ contact_pressures
-            true = pressing / jnp.sqrt(jax.vmap(lambda at: at.determinant)(at)) / (pressure / self.unit())
-            stretch = jnp.linalg.norm(at.along_y if axis else at.along_x, axis=1)
-            side = shell.b if axis else shell.a
-            halves.append(side * jnp.dot(weights / 2, true * stretch))
-        return halves
+        resting = resting_on(self, y, contact_pressures)
+        width, length = half_axes_of_oval(*(half_axis(resting, resting.places[:, k], True) for k in (0, 1)))
+        sides = {"contact_half_width": width, "contact_half_length": length}
+        return contact_observables(self, y, contact_pressures, pressure) | sides
 
 
 class EnergyInclined(EnergyScene):
