@@ -45,7 +45,7 @@ def test_a_small_sample_runs_and_is_right(tmp_path):
     "part",
     [
         *("fingers", "methods", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"),
-        *("gpu_shells", "gpu_fingers", "gpu_energy", "gpu_search"),
+        *("gpu_same", "gpu_shells", "gpu_fingers", "gpu_energy", "gpu_search"),
     ],
 )
 def test_every_part_runs(tmp_path, part):

@@ -14,14 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from . import cases
+from . import cases, same_part
 from . import measure as clocks
 from .measure import Compiled, alone, compiled, median_seconds, row
 
-PARTS = ("gpu_search", "gpu_fingers", "gpu_energy", "gpu_shells")
+PARTS = ("gpu_same", "gpu_search", "gpu_fingers", "gpu_energy", "gpu_shells")
 """Longest first."""
 SEARCH_FIELDS = ("search", "designs", "run", "seconds", "descent_seconds", "finish_seconds", "solves", "best")
-FIELDS = dict.fromkeys(PARTS, clocks.FIELDS) | {"gpu_search": SEARCH_FIELDS}
+FIELDS = dict.fromkeys(PARTS, clocks.FIELDS) | {"gpu_search": SEARCH_FIELDS, "gpu_same": same_part.FIELDS}
 
 LARGEST = 2**20
 SHELL_BATCHES = (1, 4096, LARGEST)
@@ -51,8 +51,8 @@ class Job(NamedTuple):
 
 def measure(part: str, quick: bool) -> Iterator[dict[str, Any]]:
     """The rows of a part."""
-    if part == "gpu_search":
-        yield from _search(quick)
+    if part in ("gpu_search", "gpu_same"):
+        yield from (_search if part == "gpu_search" else same_part.measure)(quick)
         return
     jobs = {"gpu_shells": _shells, "gpu_fingers": _fingers, "gpu_energy": _energy}[part](quick)
     with ThreadPoolExecutor(AT_ONCE) as pool:

@@ -420,6 +420,16 @@ def _gpu_search(tables: Tables, told: dict[str, Any]) -> list[str]:
     return grid(head, body)
 
 
+def _gpu_same(tables: Tables, told: dict[str, Any]) -> list[str]:
+    head = ["question", "designs", "OK", "statuses that differ", "values", "limit pressures", "derivatives"]
+    body = [
+        [row["question"].replace(" ", ", drive "), *(f"{row[key]:g}" for key in ("designs", "ok", "statuses_differ")),
+         *(small(row[key]) or "differ" for key in ("value", "limit", "derivative"))]
+        for row in tables["gpu_same"]
+    ]  # fmt: skip
+    return grid(head, body)
+
+
 TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = {
     "machine": (_machine, ()),
     "targets": (_targets, ()),
@@ -436,6 +446,7 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "energy": (_energy, ("energy",)),
     "drives": (_drives, ("drives",)),
     "explorer": (_explorer, ("explorer",)),
+    "gpu_same": (_gpu_same, ("gpu_same",)),
     "gpu_shells": (_all_of("gpu_shells"), ("gpu_shells",)),
     "gpu_fingers": (_all_of("gpu_fingers"), ("gpu_fingers",)),
     "gpu_energy": (_all_of("gpu_energy"), ("gpu_energy",)),
