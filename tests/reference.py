@@ -23,11 +23,12 @@ def tensions(material: dict, t_m, l1, l2):
     if kind == OGDEN:
         mu, alpha = np.asarray(material["mu"]), np.asarray(material["alpha"])
         terms = list(zip(np.moveaxis(mu, -1, 0), np.moveaxis(alpha, -1, 0), strict=True))
+        logs = np.log(l1), np.log(l2)  # NumPy's exponential takes a fifth of the time of its power
 
-        def cauchy(stretch):
-            return sum(m * (stretch**k - l3**k) for m, k in terms)
+        def cauchy(log):
+            return sum(m * (np.exp(k * log) - np.exp(-k * (logs[0] + logs[1]))) for m, k in terms)
 
-        return t_m * l3 * cauchy(l1), t_m * l3 * cauchy(l2)
+        return t_m * l3 * cauchy(logs[0]), t_m * l3 * cauchy(logs[1])
     i1 = l1**2 + l2**2 + l3**2
     u_2 = 0.0
     if kind == NEO:
@@ -128,6 +129,13 @@ def touch_angle(ratio, s):
     return (low + high) / 2
 
 
+def _by_rows(load, angle, p, numbers=50_000):
+    """load(angle, p), a few rows at a time: what lies in between stays in the processor's cache."""
+    parts = np.array_split(angle, -(-angle.size // numbers))
+    pressures, margins = zip(*(load(part, p) for part in parts), strict=True)
+    return np.concatenate(pressures), [np.concatenate(margin) for margin in zip(*margins, strict=True)]
+
+
 def first_rise(load, p, start, end, points=1500, rounds=4):
     """Scan each lane's load curve: angles, pressures and the index where the rising, admissible part ends.
 
@@ -139,7 +147,7 @@ def first_rise(load, p, start, end, points=1500, rounds=4):
     with np.errstate(all="ignore"):
         for k in range(rounds):
             angle = start + (end - start) * fractions
-            pressure, margins = load(angle, p)
+            pressure, margins = _by_rows(load, angle, p)
             good = np.ones_like(angle, dtype=bool)
             for margin in margins:
                 good &= margin >= 0
