@@ -50,7 +50,7 @@ SEARCHES = {
 }
 TOLERANCE = 1e-3
 """Of the objective, whose size is of order one: a peer need not find the last digits."""
-PENALTY, LOST = 10.0, 1e3
+PENALTY, NO_EQUILIBRIUM = 10.0, 1e3
 NEAR = 50
 """Designs around ours for which the thesis's algorithms are timed."""
 
@@ -96,7 +96,7 @@ class Peer:
         self.best = min(self.best, np.min(objective[feasible], initial=np.inf))
         if self.best <= self.goal + TOLERANCE or self.solves >= self.budget or self.elapsed() > self.seconds:
             raise Enough
-        return np.where(lost, LOST + shortfall, objective + PENALTY * violation)
+        return np.where(lost, NO_EQUILIBRIUM + shortfall, objective + PENALTY * violation)
 
     def elapsed(self) -> float:
         return time.perf_counter() - self.began
@@ -229,7 +229,7 @@ def compare_front(path: Path) -> dict[str, Any]:
             _, violation, shortfall, values = peer.measured(x)
             lost = shortfall > 0
             terms = np.stack([problem.terms(jnp.asarray(v), peer.scales) for v in values])
-            out["F"] = np.where(lost[:, None], LOST, terms)
+            out["F"] = np.where(lost[:, None], NO_EQUILIBRIUM, terms)
             out["G"] = np.where(lost, 1 + shortfall, violation - FEASIBLE)[:, None]
 
     wrapped = Wrapped(n_var=problem.space.size, n_obj=len(problem.goals), n_ieq_constr=1, xl=0.0, xu=1.0)

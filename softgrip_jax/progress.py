@@ -77,7 +77,7 @@ def _lines(console: Console, unit: str, total: int) -> Count:
         if not before:
             before.append(done)
             start = f"going on with {done} of {total} {unit}" if done else f"compiling, then {total} {unit}"
-            console.print(f"all {unit} are there" if done == total else start, soft_wrap=True)
+            console.print(f"all {unit} are done already" if done == total else start, soft_wrap=True)
             return
         if done == total or now - last[0] >= LINE_SECONDS:
             left = ""

@@ -68,7 +68,7 @@ LONGEST = [
     "finger_values",
     "cli_path",
     "calibrate",
-    "objectives",
+    "problem",
     "measure",
     "sensitivity",
     "explorer",

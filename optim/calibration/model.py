@@ -5,7 +5,7 @@ Every point i of curve k gives one residual, a pure number,
     r_i = (f_i(x) - y_i) / sigma_k,       minimise  1/2 sum_i w_i rho(r_i)
 
 with f the model, sigma_k the noise of the curve, w_i >= 0 a weight (0 leaves a point out; a bootstrap draws them) and
-rho a loss. The parameters x move between their bounds by the sine map of `variables.py`, so none is ever outside them.
+rho a loss. The parameters x move between their bounds by the sine map of `space.py`, so none is ever outside them.
 Levenberg (1944) and Marquardt (1963) as in Optimistix, with the exact Jacobian, all parameters in one forward pass.
 
 A point without equilibrium (pressure beyond the limit point at these parameters) has no f. Its residual is then

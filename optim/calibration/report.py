@@ -38,7 +38,7 @@ independent ones, eight exceed it in one case of thirty."""
 WIDER = 2.0
 """The interval over specimens is quoted when it is this many times wider than that of the fit."""
 
-STOPPED = "Stopped after the fit: what is not said here was not looked at."
+STOPPED = "Stopped after the fit: the checks that are not reported here were not done."
 
 UNLIKELY = 0.01
 """A sum of squares as large as this or less likely by the stated noise is not explained by it."""

@@ -1,14 +1,14 @@
 """Many starts at once: first-order steps on all of them, then a second-order finish on the best distinct ones.
 
 1. Starts: a scrambled Sobol set over the unit cube, and the design that the search starts from.
-2. Every lane minimises its augmented Lagrangian (Powell, Hestenes, Rockafellar) with an optax optimiser in the free
-   variables of `variables.py`. A lane without equilibrium descends its shortfall until it has one. A lane that has come
-   to rest stops, and the lanes that are left are packed together, so it costs nothing any more. Of many, one that
-   stays beside a better one is left to it (`Company`).
-3. The best lanes of each region are finished by sequential quadratic programming or least squares (`finish.py`), which
-   land on the active constraints and bounds to the last digits.
+2. Every member minimises its augmented Lagrangian (Powell, Hestenes, Rockafellar) with an optax optimiser in the free
+   variables of `space.py`. A member without equilibrium descends its shortfall until it has one. A member that has
+   come to rest stops, and the members that are left are packed together, so it costs nothing any more. Of many, one
+   that stays beside a better one is left to it (`Company`).
+3. The best members of each region are finished by sequential quadratic programming or least squares (`finish.py`),
+   which land on the active constraints and bounds to the last digits.
 
-The physics is compiled once, for a chunk of lanes, with all derivatives; starts, steps, finish and report share it.
+The physics is compiled once, for a chunk of members, with all derivatives; starts, steps, finish and report share it.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ ROOM = 3e-5
 constraint holds the optimum, this is what the best of the descent is worse by, and little else."""
 
 STALLED = 5e-4
-"""A lane rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps. With 2e-3
-the best of `finger_tip_force` rested a few ten-thousandths of its objective short of the optimum."""
+"""A member rests when it moves less than this part of every range per step, nearly feasible, for PERIOD steps. With
+2e-3 the best of `finger_tip_force` rested a few ten-thousandths of its objective short of the optimum."""
 
 FINAL_RATE = 0.02
 """The learning rate falls along a cosine to this part of its start."""
@@ -71,16 +71,16 @@ STEEPEST = 1.0
 a slope hundreds of times that of the objective, and hardly move for long after it is back."""
 
 FINISHED = 16
-"""Lanes that are finished where nothing else is said: half a second's work for a shell."""
+"""Members that are finished where nothing else is said: half a second's work for a shell."""
 
 REGION, DISTINCT = 0.05, 0.01
-"""Two lanes are of one region, two finished designs are the same, when no variable differs by more of its range."""
+"""Two members are of one region, two finished designs are the same, when no variable differs by more of its range."""
 
 LOOKS = 2
-"""A lane within REGION of a better one at so many looks in a row, PERIOD steps apart, is left to it."""
+"""A member within REGION of a better one at so many looks in a row, PERIOD steps apart, is left to it."""
 
 CPU_CHUNK = 16
-"""Lanes per call on a CPU at most, where a lane alone costs as much as a lane in a batch: as many as are finished
+"""Members per call on a CPU at most, where a member alone costs as much as a member in a batch: as many as are finished
 together, so that no call is filled up with copies. Elsewhere a chunk holds all the starts."""
 
 NEARBY_CHUNK = 64
@@ -91,9 +91,6 @@ ROUNDS = 6
 
 REMEMBERED = 2048
 """Designs that a search knows as places to begin from: 13 kB each for the beam of a finger."""
-
-NO_EQUILIBRIUM_RANK = NO_EQUILIBRIUM_RANK
-"""Added to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
 
 class Evaluated(NamedTuple):
@@ -405,7 +402,7 @@ def evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> E
 
 
 def chunk_for(starts: int, finishes: int) -> int:
-    """Lanes per call, see CPU_CHUNK."""
+    """Members per call, see CPU_CHUNK."""
     return min(starts, max(finishes, 1), CPU_CHUNK) if jax.default_backend() == "cpu" else starts
 
 
@@ -420,7 +417,8 @@ class SearchMember(NamedTuple):
     multipliers: Float[Array, " m"]
     penalty: Float[Array, ""]
     last_violation: Float[Array, ""]
-    rest: Int[Array, ""]
+    stalled: Int[Array, ""]
+    """Steps in a row in which it hardly moved."""
     rank: Float[Array, ""]
     """Of the design before the last step."""
     objective: Float[Array, ""]
@@ -495,7 +493,8 @@ class SearchResult:
     designs: list[Design]
     """Distinct designs, the best first; infeasible ones only where nothing feasible was found."""
     history: dict[str, np.ndarray]
-    """Per step: best_objective so far, and how many lanes are with_equilibrium, feasible (to NEARLY) so far, moving."""
+    """Per step: best_objective so far, and how many members are with_equilibrium, feasible so far (to
+    LOOSELY_FEASIBLE), moving."""
     solves: int
     """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
@@ -510,7 +509,7 @@ class SearchResult:
     merged: int = 0
     """How many starts were left to better ones beside which they had come."""
     remarks: tuple[str, ...] = ()
-    """What scales the goals where the starting design does not, see `objectives.Scaling`."""
+    """What scales the goals where the starting design does not, see `problem.Scaling`."""
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
     """Of the start and of the best design, the states that were solved along the whole way: (scene, state) -> two."""
 
@@ -592,28 +591,28 @@ def search(
     if isinstance(optimiser, str):
         optimiser = getattr(optax, optimiser)(optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE))
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), optimiser)
-    lanes = _begin(start_t, len(problem.constrained), rule)
+    members = _begin(start_t, len(problem.constrained), rule)
     advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
     # Called for nothing, to be compiled.
     score(at_reference.values[0])
-    advance(scaling.scales, lanes, jax.tree.map(lambda v: np.repeat(v, len(lanes.u), axis=0), at_reference), 0)
+    advance(scaling.scales, members, jax.tree.map(lambda v: np.repeat(v, len(members.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
     company = Company(starts)
-    lanes, history, paths, stopped = _descend(lanes, evaluate, advance, scaling, steps, report, company)
+    members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company)
     descended = time.perf_counter()
     remarks = scaling.remarks()
     for sentence in remarks:
         remark(sentence)
 
-    ends, ranks = company.ends(np.asarray(lanes.best_t), np.asarray(lanes.best_rank))
+    ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
     candidates = ends[_distinct(ends, ranks, REGION)[: max(finishes, 1)]]
     designs = designs_at(problem, score, evaluate, candidates)
     alone = min((d.objective for d in designs if d.feasible), default=float("nan"))
     if finishes and not stopped:
         try:
             finished = finish(candidates, evaluate, problem, scaling.scales, score)
-            # A finish may fail (a kink, the edge of equilibrium): the lane's own best then stands.
+            # A finish may fail (a kink, the edge of equilibrium): the member's own best then stands.
             both = zip(designs_at(problem, score, evaluate, finished), designs, strict=True)
             designs = [after if after.rank <= before.rank else before for after, before in both]
         except KeyboardInterrupt:
@@ -661,7 +660,7 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
 
 
 def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
-    """A lane at each row of unit values."""
+    """A member at each row of unit values."""
     count, u = len(t), to_free(t)
     return SearchMember(
         u,
@@ -679,17 +678,17 @@ def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
 
 
 class Company:
-    """Which lanes have come to a better one and stayed beside it: the same end, found twice.
+    """Which members have come to a better one and stayed beside it: the same end, found twice.
 
-    Of each region only the best lane is finished, so two lanes of one region are one too many. They are let go while
-    more are moving than are solved in one call, the worst first: fewer would save nothing.
+    Of each region only the best member is finished, so two members of one region are one too many. They are let go
+    while more are moving than are solved in one call, the worst first: fewer would save nothing.
     """
 
-    def __init__(self, lanes: int):
-        self.looks = np.zeros(lanes, int)
+    def __init__(self, members: int):
+        self.looks = np.zeros(members, int)
         """At how many looks in a row each had a better one within REGION."""
-        self.into = np.arange(lanes)
-        """The lane that each was left to: itself while it moves."""
+        self.into = np.arange(members)
+        """The member that each was left to: itself while it moves."""
 
     @property
     def merged(self) -> int:
@@ -697,7 +696,7 @@ class Company:
         return int(np.sum(self.into != np.arange(len(self.into))))
 
     def look(self, moving: np.ndarray, t: np.ndarray, rank: np.ndarray) -> np.ndarray:
-        """Which of the moving lanes are left to others now. t, rank: of every lane, the smaller rank the better."""
+        """Which of the moving members are left to others now. t, rank: of every member, the smaller rank the better."""
         order = moving[np.argsort(rank[moving], kind="stable")]
         best = _first_beside(t[order])
         self.looks[order] = np.where(best < np.arange(len(order)), self.looks[order] + 1, 0)
@@ -707,7 +706,7 @@ class Company:
         return order[left]
 
     def ends(self, t: np.ndarray, rank: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(t, rank) of the best of every lane; one that was left to another has the better of both."""
+        """(t, rank) of the best of every member; one that was left to another has the better of both."""
         last = self.into
         while np.any(last != self.into[last]):
             last = self.into[last]
@@ -725,28 +724,28 @@ def _first_beside(t: np.ndarray) -> np.ndarray:
 
 
 def _descend(
-    lanes: SearchMember, evaluate, advance, scaling: Scaling, steps, report, company: Company
+    members: SearchMember, evaluate, advance, scaling: Scaling, steps, report, company: Company
 ) -> tuple[SearchMember, dict[str, np.ndarray], np.ndarray, bool]:
-    """All lanes to rest, or to the last step, or (True) to where they were stopped."""
-    moving = np.arange(len(lanes.u))
+    """All members to rest, or to the last step, or (True) to where they were stopped."""
+    moving = np.arange(len(members.u))
     found, stopped = None, False
     rows, paths = [], []
     try:
         for step in range(steps):
             # NumPy picks the rows: JAX would compile a gather for every number of them.
             evaluate.moving = moving
-            fresh = evaluate(np.asarray(lanes.t)[moving])
-            # Lanes at rest keep what was found last: `advance` sees every lane and is compiled for one shape.
+            fresh = evaluate(np.asarray(members.t)[moving])
+            # Members at rest keep what was found last: `advance` sees every member and is compiled for one shape.
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
             scaling.learn(fresh.values)
-            before, lanes = np.asarray(lanes.t), advance(scaling.scales, lanes, found, step)
-            moving = np.flatnonzero(np.asarray(lanes.rest) < PERIOD)
-            paths.append(np.where(company.into == np.arange(len(before)), np.asarray(lanes.objective), np.nan))
+            before, members = np.asarray(members.t), advance(scaling.scales, members, found, step)
+            moving = np.flatnonzero(np.asarray(members.stalled) < PERIOD)
+            paths.append(np.where(company.into == np.arange(len(before)), np.asarray(members.objective), np.nan))
             if step % PERIOD == PERIOD - 1:
-                left, rest = company.look(moving, before, np.asarray(lanes.rank)), np.array(lanes.rest)
+                left, rest = company.look(moving, before, np.asarray(members.rank)), np.array(members.stalled)
                 rest[left] = PERIOD
-                lanes, moving = lanes._replace(rest=jnp.asarray(rest)), np.setdiff1d(moving, left)
-            rank = np.asarray(lanes.best_rank)
+                members, moving = members._replace(stalled=jnp.asarray(rest)), np.setdiff1d(moving, left)
+            rank = np.asarray(members.best_rank)
             best = rank.min()
             feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))
             equilibrium = int(np.sum(found.shortfall == 0))
@@ -761,7 +760,7 @@ def _descend(
         stopped = True
     evaluate.moving = None
     names = ("best_objective", "with_equilibrium", "feasible", "moving")
-    return lanes, dict(zip(names, np.array(rows).T, strict=True)), np.array(paths), stopped
+    return members, dict(zip(names, np.array(rows).T, strict=True)), np.array(paths), stopped
 
 
 def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
@@ -770,40 +769,42 @@ def _replaced(rows: np.ndarray, old: np.ndarray, new: np.ndarray) -> np.ndarray:
     return old
 
 
-def _step(problem: Problem, rule: Any, scales: Scales, lane: SearchMember, found: Evaluated, step: Any) -> SearchMember:
-    """One step of one lane, from what was found at its u."""
+def _step(
+    problem: Problem, rule: Any, scales: Scales, member: SearchMember, found: Evaluated, step: Any
+) -> SearchMember:
+    """One step of one member, from what was found at its u."""
     judged, slopes = judged_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
-    pull = jnp.maximum(0.0, lane.multipliers + lane.penalty * (judged.violations + ROOM))
+    pull = jnp.maximum(0.0, member.multipliers + member.penalty * (judged.violations + ROOM))
     objective_slope = slopes.objective @ found.value_slopes
     downhill = jnp.where(in_equilibrium, objective_slope, found.shortfall_slopes)
     downhill += pull @ (slopes.violations @ found.value_slopes)
-    updates, memory = rule.update(downhill * 0.5 * jnp.cos(lane.u), lane.memory, lane.u)
-    u = optax.apply_updates(lane.u, updates)
+    updates, memory = rule.update(downhill * 0.5 * jnp.cos(member.u), member.memory, member.u)
+    u = optax.apply_updates(member.u, updates)
 
     violation = jnp.max(judged.violations, initial=0.0)
     rank = _rank(judged.objective + CHARGE * violation, violation, found.shortfall, LOOSELY_FEASIBLE)
-    better = rank < lane.best_rank
+    better = rank < member.best_rank
     due = in_equilibrium & (step % PERIOD == PERIOD - 1)
-    stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * lane.last_violation))
+    stubborn = due & (violation > jnp.maximum(FEASIBLE, 0.5 * member.last_violation))
     t = to_unit(u)
-    moved = jnp.max(jnp.abs(t - lane.t))
+    moved = jnp.max(jnp.abs(t - member.t))
     resting = in_equilibrium & (moved < STALLED) & (violation < LOOSELY_FEASIBLE)
-    done = lane.rest >= PERIOD
+    done = member.stalled >= PERIOD
     new = SearchMember(
         u,
         t,
         memory,
-        jnp.where(due, pull, lane.multipliers),
-        jnp.where(stubborn, jnp.minimum(PENALTY_GROWTH * lane.penalty, PENALTY_MAX), lane.penalty),
-        jnp.where(due, violation, lane.last_violation),
-        jnp.where(resting, lane.rest + 1, 0),
+        jnp.where(due, pull, member.multipliers),
+        jnp.where(stubborn, jnp.minimum(PENALTY_GROWTH * member.penalty, PENALTY_MAX), member.penalty),
+        jnp.where(due, violation, member.last_violation),
+        jnp.where(resting, member.stalled + 1, 0),
         rank,
         jnp.where(rank < 0.5 * NO_EQUILIBRIUM_RANK, judged.objective, jnp.nan),
-        jnp.where(better, lane.t, lane.best_t),
-        jnp.where(better, rank, lane.best_rank),
+        jnp.where(better, member.t, member.best_t),
+        jnp.where(better, rank, member.best_rank),
     )
-    return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), lane, new)
+    return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), member, new)
 
 
 def judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:

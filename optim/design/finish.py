@@ -27,7 +27,8 @@ ITERATIONS = 60
 """SLSQP and least squares are done in ten to thirty from where the descent ends."""
 
 NO_EQUILIBRIUM_RANK = 1e6
-"""What a design without equilibrium deviates by: a step of least squares that led there is taken back."""
+"""What a design without equilibrium deviates by: a step of least squares that led there is taken back. The descent adds
+it to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
 
 BOX, SHRINK, BOXES = 0.25, 0.3, 16
 """SLSQP has no trust region: its first step may cross the whole range, to where nothing has an equilibrium, and it then
@@ -110,7 +111,9 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
     Args:
         candidates: where the descent ended.
         evaluate: the search's Evaluator.
-        judge: values -> (Judged, its derivatives by the values).
+        problem: what is searched.
+        scales: of its goals.
+        score: values -> (Judged, its derivatives by the values).
     """
     squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.limits
 

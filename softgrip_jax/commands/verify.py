@@ -110,8 +110,8 @@ def run_verify(
         for sentence in [] if stopped else remarks(found):
             console.print(sentence, soft_wrap=True, markup=False)
         console.print(
-            f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. Near this design its errors are "
-            f"told from now on: {kept}.",
+            f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. From now on `softgrip solve` "
+            f"reports these errors for designs nearby, from {kept}.",
             soft_wrap=True,
         )
     if stopped:

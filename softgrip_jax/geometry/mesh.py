@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError
+from ..folders import write_whole
 from ..objects.grasped import HexagonalCylinder, ThreeFaceCone
 from ..pneunet.finger_scene import FingerScene
 from ..pneunet.grasp import Grasp as FingerGrasp
@@ -107,13 +108,13 @@ class Mesh:
             The file.
 
         Raises:
-            InputError: for another ending.
+            InputError: for another ending, and where the file cannot be written; nothing is half written then.
         """
         path = Path(path)
         writers = {".vtk": _vtk, ".stl": _stl, ".obj": _obj}
         if path.suffix.lower() not in writers:
             raise InputError(f"path is {str(path)!r}; it must be a file that ends in .vtk, .stl or .obj.")
-        path.write_bytes(writers[path.suffix.lower()](self))
+        write_whole(path, writers[path.suffix.lower()](self))
         return path
 
     def to_pyvista(self) -> Any:

@@ -24,7 +24,7 @@ Scalar = Float[Array, ""]
 Linear = Callable[[Vector, Scalar], tuple[Vector, Float[Array, "n n"], Vector]]
 """(y, load) -> gradient, Hessian, d gradient / d load."""
 
-SETTLED = 1e-9
+CONVERGED = 1e-9
 """Moves this small leave an error below rounding: the next one would be their square."""
 NEWTON_STEPS = 8
 TOP_STEPS = 30
@@ -63,12 +63,12 @@ def hold(linear: Linear, y: Vector, load: Scalar, direction: Vector, place: Scal
         return *_correct(linear, y, load, direction, place), count + 1
 
     def busy(state):
-        return (state[4] > SETTLED) & (state[5] < NEWTON_STEPS)
+        return (state[4] > CONVERGED) & (state[5] < NEWTON_STEPS)
 
     far = jnp.asarray(jnp.inf, y.dtype)
     start = (y, load, y, load, far, jnp.asarray(0))
     y, load, along, rise, size, _ = lax.while_loop(busy, step, start)
-    return Held(y, load, along, rise, size <= jnp.sqrt(SETTLED))
+    return Held(y, load, along, rise, size <= jnp.sqrt(CONVERGED))
 
 
 class Top(NamedTuple):
@@ -102,11 +102,11 @@ def top(linear: Linear, y: Vector, load: Scalar, direction: Vector, reach: Scala
 
     def busy(state):
         size, ahead, count = state[7:]
-        return ((size > SETTLED) | (ahead > SETTLED)) & (count < TOP_STEPS)
+        return ((size > CONVERGED) | (ahead > CONVERGED)) & (count < TOP_STEPS)
 
     unknown = jnp.asarray(jnp.nan, y.dtype)
     place, far = direction @ y, jnp.asarray(jnp.inf, y.dtype)
     start = (y, load, y, place, place, unknown, unknown, far, far, jnp.asarray(0))
     y, load, along, _, _, _, _, size, ahead, count = lax.while_loop(busy, step, start)
-    good = (size <= SETTLED) & (ahead <= SETTLED)
+    good = (size <= CONVERGED) & (ahead <= CONVERGED)
     return Top(y, load, along, good, count)

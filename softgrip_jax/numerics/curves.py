@@ -2,6 +2,9 @@
 
 Many states of a gripper reduce to this: pick x (an angle), and the load that holds it there follows without a solve.
 Then "solve for a load" is one scalar root on the rising part of load(x), and a limit point is its first maximum.
+
+Libraries that were looked at: see `scalar_roots` for the root. `scipy.optimize.minimize_scalar` and golden sections in
+JAX find some maximum in an interval; the first one of a curve with several, and whether there is one, they do not tell.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ SHORTEST = 1e-4
 """Steps are cut by SHORTER until they are accepted; below SHORTEST of a Newton step there is no minimum ahead."""
 NEARER = 0.4
 """Of the way to a load without a minimum: the next load step. Failures cost more than steps."""
-SETTLED = 1e-7
+CONVERGED = 1e-7
 """After a move this small the next one, which is taken without a look, reaches the last bit: moves e, then C e^2."""
 TRUSTED = 0.2
 """Of the load: where a larger step fails the guess may be to blame, and the load is tried again."""
@@ -188,10 +188,10 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         definite = jnp.all(jnp.isfinite(step)) & jnp.isfinite(x.value)
         falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))
         taken = definite & falls
-        settled = taken & (size < SETTLED)
+        converged = taken & (size < CONVERGED)
         first = state.kept_load == 0
         known = jnp.max(jnp.abs(state.kept + jnp.where(first, state.load, 0.0) * state.slope))
-        leap = jnp.where(x.touching, LEAP_IN_CONTACT, LEAP) * jnp.where(settled, 1.0, 2.0)
+        leap = jnp.where(x.touching, LEAP_IN_CONTACT, LEAP) * jnp.where(converged, 1.0, 2.0)
         leapt = taken & (jnp.max(jnp.abs(trial)) > known + leap)
 
         onward = state._replace(base=trial, move=step, part=one, energy=x.value, promise=x.gradient @ step)
@@ -219,6 +219,6 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         ahead = jnp.minimum(2 * jnp.abs(change), NEARER * jnp.abs(ceiling - state.load))
         arrived = _towards(trial + step, state.load, slope, jnp.minimum(ahead, largest_step), state, load)
         arrived = arrived._replace(touching=x.touching, active=~there, reached=there, ceiling=ceiling)
-        return select(settled & ~leapt, arrived, select(stuck | leapt, back, moved))
+        return select(converged & ~leapt, arrived, select(stuck | leapt, back, moved))
 
     return iterate

@@ -6,6 +6,8 @@ The energy is that of Stretches with the pressure q as a second unknown,
 
 q linear in each element and apart from its neighbours', so that it is eliminated there (a stable pair, Boffi, Brezzi,
 Fortin, Mixed Finite Element Methods and Applications, 8.6). Shape functions and quadrature are scikit-fem's.
+
+Libraries that were looked at: FElupe has this element, and is GPL; scikit-fem leaves hyperelasticity to its user.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from .search import (
     FIRST_STEP,
     FOUND,
     LARGEST_STEP,
-    LOST,
+    MISSED,
     REACHED,
     STEPPING,
     TO_GOAL,
@@ -153,9 +153,10 @@ def follow(
         good = trusted & converged
         limit = jnp.where(within | trying, GOAL_STEPS, NEWTON_STEPS)
         going = goes_on(newton, limit, accuracy, jnp.where(trying, FREE_STEPS, 0))
+        found = jnp.where(converged, FOUND, MISSED)
         case, chosen = first_of(
             (going, search),
-            *([] if climb is None else [(trying, search._replace(before=new, mode=jnp.where(converged, FOUND, LOST)))]),
+            *([] if climb is None else [(trying, search._replace(before=new, mode=found))]),
             *after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
             *after_goal_trial(search, new, good),
             *after_fold_trial(search, new, good),
@@ -202,7 +203,7 @@ def _trying(base: Vector, load: Scalar) -> Search:
 def _climbed(now: Climbing, climb: Climb, args: Any, by: Steps) -> Climbing:
     """What Newton's method has found is looked at once, outside the loop of the iterations."""
     search, point = now.search, now.search.before
-    tried = (search.mode == FOUND) | (search.mode == LOST)
+    tried = (search.mode == FOUND) | (search.mode == MISSED)
     sure = (search.mode == FOUND) & (point.goal < AT_GOAL) & climb.is_sure(point.u, args)
     at_top = now.load >= climb.to
     there = sure & at_top & (point.goal > -AT_GOAL)

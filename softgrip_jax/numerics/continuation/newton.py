@@ -23,7 +23,7 @@ GOAL_STEPS = 20
 """Next to a limit point the last Newton iteration halves its error at first, before it squares it."""
 FREE_STEPS = 3
 """Far from the path the first moves need not contract: they see a kink where rims meet."""
-SETTLED = 1e-8
+CONVERGED = 1e-8
 """Moves below this need not contract: they are near rounding."""
 LEAST_BEND = 1e-2
 """Of the equations, as far as two moves can tell: a move of 1e-7 is the last one."""
@@ -113,7 +113,7 @@ def goes_on(
 ) -> Bool[Array, ""]:
     """Whether a Newton iteration has more to do; it is given up where its moves, after a few that are `free`, do not
     contract."""
-    contracts = newton.last <= jnp.maximum(CONTRACTION * newton.before_last, SETTLED)
+    contracts = newton.last <= jnp.maximum(CONTRACTION * newton.before_last, CONVERGED)
     contracts |= newton.count <= free
     # Written so that a NaN, from two moves of zero or from none at all, ends the loop.
     more = ~(next_move(newton) <= accuracy.move) & (newton.last > accuracy.move)

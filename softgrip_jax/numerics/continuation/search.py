@@ -26,7 +26,7 @@ LEVEL = 1e-6
 FLAT = 1e-8
 """Load component of the tangent that counts as a limit point, whose load is then right to the square of it."""
 
-STEPPING, TO_FOLD, TO_GOAL, TRYING, FOUND, LOST, REACHED, FOLD, BIFURCATION, ENDED = range(10)
+STEPPING, TO_FOLD, TO_GOAL, TRYING, FOUND, MISSED, REACHED, FOLD, BIFURCATION, ENDED = range(10)
 
 
 class Search(NamedTuple):

@@ -12,6 +12,9 @@ with q the displacements and c the distance of the plane. The volume is kept by 
 points than the rest, so that thin walls do not lock.
 
 This module makes the data that the law is fitted to: a state takes one to two seconds on one core.
+
+Libraries that were looked at: scikit-fem (`verify` uses it) has elements of low order and no derivatives by dimensions;
+FElupe and JAX-FEM are GPL.
 """
 
 from __future__ import annotations
