@@ -45,6 +45,9 @@ from .nearby import (
 from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
 
+ENDLESS = 100.0
+"""Of its scale, what a value counts as that has no end."""
+
 Scalar = Float[Array, ""]
 
 NEAR_LIMIT = 0.95
@@ -93,6 +96,11 @@ KINDS = {
 }
 
 
+def _require_scale(quantity: Quantity, scale: float | None) -> None:
+    if scale is not None and not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"The scale for {quantity.label()} is {scale}; it must be above zero.")
+
+
 @dataclasses.dataclass(frozen=True)
 class Goal:
     """One term of the objective.
@@ -132,6 +140,11 @@ class Goal:
             raise InputError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
         if self.how.has_target != (self.target is not None):
             raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
+        if self.target is not None and not np.isfinite(self.target):
+            raise InputError(f"The target for {self.quantity.label()} is {self.target}; it must be a finite number.")
+        if not (np.isfinite(self.weight) and self.weight >= 0):
+            raise InputError(f"The weight for {self.quantity.label()} is {self.weight}; it must be zero or more.")
+        _require_scale(self.quantity, self.scale)
 
     @property
     def how(self) -> GoalKind:
@@ -170,6 +183,10 @@ class Limits:
             raise InputError(f"The constraint on {self.quantity.label()} has no bound; give low, high or both.")
         if self.low is not None and self.high is not None and not self.low < self.high:
             raise InputError(f"The constraint on {self.quantity.label()}: low must be below high.")
+        for _, bound in self.sides():
+            if not np.isfinite(bound):
+                raise InputError(f"A bound of {self.quantity.label()} is {bound}; it must be a finite number.")
+        _require_scale(self.quantity, self.scale)
 
     def sides(self) -> list[tuple[int, float]]:
         """(sign, bound) of each one-sided constraint sign * (value - bound) / scale <= 0."""
@@ -199,6 +216,12 @@ class Measured(NamedTuple):
     """The number that belongs to it, SI."""
     solutions: Any = ()
     """Of the states that were solved for, in the order of `Problem.solved_states`."""
+
+
+def finite(value: Scalar, scale: Any) -> Scalar:
+    """A value that can be counted with: what is endless, as the largest pressure of a design that has none, is ENDLESS
+    scales."""
+    return jnp.where(jnp.isinf(value), jnp.sign(value) * ENDLESS * scale, value)
 
 
 class Judged(NamedTuple):
@@ -529,18 +552,18 @@ class Problem:
 
     def score(self, values: Float[Array, " q"], scales: Scales) -> Judged:
         """Goals and limits from the quantities."""
-        known = jnp.isfinite(values)
+        known = ~jnp.isnan(values)
         safe = jnp.where(known, values, 1.0)
         objective = jnp.asarray(0.0)
         for goal, scale in zip(self.goals, scales.goals, strict=True):
             k = self.quantities.index(goal.quantity)
-            objective += jnp.where(known[k], goal.term(safe[k], scale), 0.0)
+            objective += jnp.where(known[k], goal.term(finite(safe[k], scale), scale), 0.0)
         violations = [
-            jnp.where(known[k], sign * (safe[k] - bound) / scale, 0.0)
+            jnp.where(known[k], sign * (finite(safe[k], scale) - bound) / scale, 0.0)
             for (k, sign, bound, _), scale in zip(self.sides, scales.limits, strict=True)
         ]
         rules = self.constrained[len(self.sides) :]
-        violations += [jnp.where(known[k], -safe[k] / SCALE, 0.0) for k in rules]
+        violations += [jnp.where(known[k], -finite(safe[k], SCALE) / SCALE, 0.0) for k in rules]
         return Judged(objective, jnp.stack(violations) if violations else jnp.zeros(0))
 
     def scales(self, sizes: Any) -> Scales:

@@ -22,6 +22,17 @@ from .design.descent import Design
 from .design.settings import asked_first
 from .problem import Problem
 
+OF_THE_PART = ("manufacture",)
+"""Sections of a config that say of the part what the physics does not know: `export` and `measure` read them."""
+
+
+def as_given(read: Any, scenes: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(scenes in the order of a config, its sections that belong to the part), as `config.dump` takes them: `measure`
+    and `export` take the first scene. Scenes that the config does not have come last."""
+    names = [name for name in read.scenes if name in scenes]
+    ordered = {name: scenes[name] for name in dict.fromkeys([*names, *scenes])}
+    return ordered, {name: read.tables[name] for name in OF_THE_PART if name in read.tables}
+
 
 def next_command(problem: Problem, file: Path, design: Design) -> str:
     """What may be typed next about the design in a file: what the search asked first; its curve where nothing answers

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -51,6 +52,20 @@ class Parameter:
     kind: str = ""
 
 
+def ready(scenes: Scenes, parameters: Sequence[Named]) -> dict[str, Any]:
+    """The scenes with choices made that need known numbers (the symmetry of an object), where none of these numbers
+    varies; the other scenes as they are."""
+    within = [part for one in parameters for part in one.name.replace("=", ".").split(".")]
+    if "obstacle" in map(str.strip, within) or any(one.where is not None for one in parameters):
+        return dict(scenes)
+
+    def of_one(scene: Any) -> Any:
+        prepared = scene.prepared() if hasattr(scene, "prepared") else scene
+        return prepared if type(prepared) is type(scene) else scene  # another class has other names for its numbers
+
+    return {name: of_one(scene) for name, scene in scenes.items()}
+
+
 class Parameters:
     """Leaves of scenes as one vector of SI values."""
 
@@ -66,6 +81,9 @@ class Parameters:
         self._getters: list[Getter] = []
         self._shapes: list[tuple[int, ...]] = []
         reference: list[float] = []
+        # The same scenes with a number in place of every leaf: it tells which leaves a parameter moves.
+        leaves, tree = jax.tree.flatten(self.scenes)
+        numbered, moved_by = jax.tree.unflatten(tree, range(len(leaves))), dict[int, str]()
         for leaf in parameters:
             getter, kind = self._getter(leaf)
             found = getter(self.scenes)
@@ -80,6 +98,13 @@ class Parameters:
             for name in names:
                 if name in self.names:
                     raise InputError(f"Variable {name!r} is given twice.")
+            for place in getter(numbered):
+                if place in moved_by:
+                    raise InputError(
+                        f"Variable {leaf.name!r} moves a number that variable {moved_by[place]!r} moves, too; "
+                        "name the scenes of both, or leave one out."
+                    )
+                moved_by[place] = leaf.name
             self.names += names
             self.kinds += [kind] * values.size
             self.sizes.append(values.size)

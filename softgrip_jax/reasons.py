@@ -53,6 +53,7 @@ class Reason(enum.IntEnum):
     RESIDUAL_TOO_LARGE = 20
     SHAPE_NOT_RESOLVED = 21
     ANOTHER_BRANCH = 22
+    OBJECT_NOT_RESOLVED = 23
     FIELD_RULE = 30
     PARTS_DO_NOT_FIT = 31
     PRESSURE_RULE = 32
@@ -187,6 +188,12 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "",
         "",
         "the points along the beam are too few to tell its shape; the values are withheld: give more points",
+    ),
+    Reason.OBJECT_NOT_RESOLVED: (
+        "",
+        "",
+        "a part of the object is behind the membrane: the contact points are too far apart for it, or were led past "
+        "it; the values are withheld: give more polynomials (across, lengthwise), or a larger object",
     ),
     Reason.ANOTHER_BRANCH: (
         "",

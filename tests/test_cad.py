@@ -170,6 +170,26 @@ def test_shells_that_cannot_be_made(shell, table, says):
     assert says in str(caught.value)
 
 
+SMALL_PAD = a_shell(a=7.5, b=7.5)
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "the ring would be 1 mm inside the object"),
+        (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), "mm inside the object"),
+        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=5 * mm), ""),
+        (sg.shell.Free(a_shell()), ""),
+    ],
+)
+def test_the_ring_is_clear_of_the_object(scene, says):
+    if not says:
+        cad.export_of(scene, cad.ManufactureTable())
+        return
+    with pytest.raises(InputError, match=says):
+        cad.export_of(scene, cad.ManufactureTable())
+
+
 CONFIG = """
 [scene]
 type = "shell.FlatContact"

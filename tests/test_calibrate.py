@@ -18,6 +18,7 @@ from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
 from optim.space import Variable, to_free
 from optim.tension.test import Tension
+from softgrip_jax.results import Status
 from softgrip_jax.units import kPa, mm
 
 A, B, T = 16 * mm, 43 * mm, 1.1 * mm
@@ -254,3 +255,18 @@ def test_wrong_units_are_asked_about(noisy):
     assert "1000 times above the model" in words
     (words,) = said(PRESSURES * 1000, noisy)
     assert "unit right?" in words
+
+
+def test_numbers_of_objects_are_those_of_the_model_that_was_given():
+    """A symmetry that was looked for before an object's number moved made every other number impossible."""
+    plane = sg.shell.FlatContact(sg.FlatShell(16 * mm, 43 * mm, 1.1 * mm, sg.NeoHookean(mu=175 * kPa)), 5 * mm)
+    curve = Curve("press", "contact", "force", "force", np.array([12, 14]) * kPa, np.array([14.0, 17.0]))
+    by_energy = dataclasses.replace(plane, model="energy")
+    assert Fitting({"contact": by_energy}, [Variable("distance", 2 * mm, 9 * mm)], [curve]).space.names == ["distance"]
+    ball = sg.shell.obstacles.Sphere(20 * mm, 5 * mm)
+    on_ball = sg.shell.ObstacleContact(plane.shell, ball, across=2, lengthwise=2)
+    moved = Fitting({"contact": on_ball}, [Variable("obstacle.offset_x", -3 * mm, 3 * mm)], [curve])
+    scene = moved.space.scenes_at(jnp.array([1 * mm]))["contact"]
+    assert Status(int(sg.solve(scene, 12 * kPa).status)) is Status.OK
+    fixed = Fitting({"contact": on_ball}, [Variable("shell.t_m", 1 * mm, 2 * mm)], [curve])
+    assert fixed.space.scenes["contact"].symmetry == "both"  # which takes a quarter of the time

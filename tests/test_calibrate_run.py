@@ -14,6 +14,7 @@ from conftest import ROOT
 import softgrip_jax as sg
 from optim.calibration import report as calibrate_report
 from optim.calibration.data import Column, read_columns
+from optim.calibration.settings import ColumnTable, column, read_specimens
 from optim.design import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
@@ -39,6 +40,9 @@ a_mm = 16
 b_mm = 43
 t_m_mm = 1.1
 material = {{ type = "NeoHookean", mu_kPa = 120 }}
+
+[manufacture]
+rim_mm = 5
 
 [calibrate]
 
@@ -126,7 +130,9 @@ def test_what_is_written_is_solved_and_designed(finished, tmp_path, capsys):
     """calibrated.toml as it is; material.toml by `material = "material.toml"`, from `solve` and from `design`."""
     _, out, _ = finished
     mu = json.loads((out / "result.json").read_text())["parameters"]["shell.material.mu"]
-    scene = configs.load(out / "calibrated.toml").scene
+    read = configs.load(out / "calibrated.toml")
+    assert read.tables["manufacture"] == {"rim_mm": 5}
+    scene = read.scene
     assert float(scene.shell.material.mu) == pytest.approx(mu, rel=1e-12)
     text = (ROOT / "configs" / "shell_grasp.toml").read_text()
     head, rest = text.split("[scene.shell.material]")
@@ -236,6 +242,33 @@ def test_preambles_and_separators_do_no_harm(tmp_path):
     data, notes = read_columns(path, [Column("Strain", "number", "1"), Column("Stress (MPa)", "pressure", "MPa")])
     np.testing.assert_allclose(data, [[0.05, 1e5], [0.1, 2e5]])
     assert notes == []
+
+
+@pytest.mark.parametrize(
+    ("files", "names"),
+    [
+        (["s1.csv", "s2.csv"], ("s1", "s2")),
+        (["day1/free.csv", "day2/free.csv", "day2/slow.csv"], ("day1/free", "day2/free", "slow")),
+        (["a/day1/free.csv", "a/day2/free.csv"], ("day1/free", "day2/free")),
+        (["day1/a/free.csv", "day2/a/free.csv"], ("day1/a/free", "day2/a/free")),
+        (["free.csv", "day1/free.csv"], ("free", "day1/free")),
+        (["free.csv", "free.txt"], ("free.csv", "free.txt")),
+        (["free.csv", "./free.csv"], ("free", "free")),
+    ],
+)
+def test_specimens_of_one_file_name_are_told_apart_by_their_folders(files, names, tmp_path):
+    for one in files:
+        (tmp_path / one).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / one).write_text("p,h\n1,0.1\n2,0.2\n")
+    pressure, height = Column("p", "pressure", "kPa"), Column("h", "length", "mm")
+    found = read_specimens(tmp_path, files, "free", pressure, height)
+    assert found["specimens"] == names
+    np.testing.assert_array_equal(found["specimen"], np.repeat(np.arange(len(files)), 2))
+
+
+def test_a_column_of_a_kind_that_no_data_have_is_one_sentence():
+    with pytest.raises(sg.errors.ConfigError, match="column 'h' is of the kind 'colour'; a column must be of one of"):
+        column(ColumnTable(column="h", unit="mm"), "colour", "fit.toml, [calibrate]: curve 'free'")
 
 
 @pytest.mark.slow

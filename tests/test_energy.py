@@ -228,6 +228,23 @@ def test_more_polynomials_have_less_energy():
     assert energies[1] - energies[2] < 0.3 * (energies[0] - energies[1])
 
 
+def test_a_small_object_that_was_passed_is_not_converged():
+    """A ball between the contact points was left behind the membrane: NO_CONTACT, with the ball inside."""
+    ball = Sphere(radius=2 * mm, gap=3 * mm, offset_x=3 * mm, offset_y=7 * mm)
+    for pressure in (8 * kPa, 14 * kPa):
+        passed = sg.solve(small(ball), pressure)
+        assert Status(int(passed.status)) is Status.NOT_CONVERGED
+        assert sg.Reason(int(passed.reason)) is sg.Reason.OBJECT_NOT_RESOLVED
+        assert np.isnan(passed.force)
+        height = float(passed.scene.functional.passed(passed.unknowns, passed.scene) * 16)
+        assert 0.25 * 1.1 < height < 2.01  # not deeper in the ball than its radius, mm
+    # What presses is not passed, nor what is not reached.
+    for touched in (Sphere(20 * mm, 5 * mm), Cylinder(3 * mm, 3 * mm), Plane(5 * mm), Plane(50 * mm)):
+        solution = sg.solve(small(touched), 12 * kPa)
+        assert int(solution.status) in (Status.OK, Status.NO_CONTACT)
+        assert float(solution.scene.functional.passed(solution.unknowns, solution.scene)) == 0
+
+
 @pytest.mark.slow
 def test_forces_on_a_ball_point_to_its_middle():
     ball = Sphere(radius=20 * mm, gap=4 * mm, offset_x=3 * mm, offset_y=-5 * mm)

@@ -1,6 +1,7 @@
 """Trade-offs: on the known front of published problems, evenly spread, and at least as good as NSGA-II's."""
 
 import shlex
+import signal
 
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +10,7 @@ from helpers import shell
 
 import optim
 import softgrip_jax as sg
-from optim.design.descent import FEASIBLE, Evaluator
+from optim.design.descent import FEASIBLE, Evaluator, search
 from optim.design.pareto import pareto
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
@@ -78,6 +79,52 @@ def test_what_was_found_until_it_is_stopped_is_kept(stage):
     assert not whole.stopped
     worst = np.maximum(found.terms.max(axis=0), whole.terms.max(axis=0))
     assert 0.7 * volume(whole.terms, worst) < volume(found.terms, worst) <= 1.001 * volume(whole.terms, worst)
+
+
+@pytest.fixture
+def ctrl_c_in(monkeypatch):
+    """Press Ctrl-C within the call of this number of a method of `Evaluator`; a list of the calls of `solve`."""
+
+    def at_once(number, frame):
+        pytest.fail("Ctrl-C was not kept until the designs were solved")  # KeyboardInterrupt would end all tests
+
+    before = signal.signal(signal.SIGINT, at_once)
+
+    def press_in(method, number):
+        calls = {"solve": [], "solutions": []}
+        for name, whole in (("solve", Evaluator.solve), ("solutions", Evaluator.solutions)):
+
+            def watched(self, t, name=name, whole=whole):
+                calls[name].append(t)
+                if (name, len(calls[name])) == (method, number):
+                    signal.raise_signal(signal.SIGINT)
+                return whole(self, t)
+
+            monkeypatch.setattr(Evaluator, name, watched)
+        return calls["solve"]
+
+    yield press_in
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize(("method", "number", "solves"), [("solve", 1, 2), ("solve", 3, 3), ("solutions", 1, 3)])
+def test_a_search_that_is_stopped_in_its_last_solves_is_kept(method, number, solves, ctrl_c_in):
+    """Between descent and finish, where no finish follows then; of the start; and of the pictures."""
+    seen = ctrl_c_in(method, number)
+    problem = Formulas([lambda x: jnp.sum((x - 1) ** 2)], [0.0, 0.0], [3.0, 3.0])
+    found = search(problem, starts=4, steps=30, finishes=2)
+    assert found.stopped
+    assert len(seen) == solves
+    np.testing.assert_allclose(found.best.x, 1, atol=0.1)
+    assert found.reference.objective == pytest.approx(0.5)
+
+
+def test_a_front_that_is_stopped_while_its_designs_are_solved_is_kept(ctrl_c_in):
+    ctrl_c_in("solve", 1)
+    found = pareto(binh_korn(), points=5, starts=8)
+    assert found.stopped
+    assert len(found.designs) >= 3
+    assert all(design.feasible for design in found.designs)
 
 
 def test_a_front_that_no_weighted_sum_finds():
@@ -206,6 +253,8 @@ a_mm = 16
 b_mm = 43
 t_m_mm = 1.1
 material = { preset = "dragon_skin_20_shell" }
+[manufacture]
+top_wall_mm = 2
 [design]
 front = 9
 starts = 16
@@ -249,7 +298,9 @@ low = 1.2
     stretches = [float(row["stretch_at_10_kPa"]) for row in kept.designs]
     assert np.all(np.diff(inflations) < 0)
     assert np.all(np.diff(stretches) < 0)
-    last = sg.solve(configs.load(out / "designs" / "09.toml").scene, 10 * kPa)
+    read = configs.load(out / "designs" / "09.toml")
+    assert read.tables["manufacture"] == {"top_wall_mm": 2}
+    last = sg.solve(read.scene, 10 * kPa)
     assert float(last.inflation) / mm == pytest.approx(inflations[-1], rel=1e-9)
     # The least stretch is that of the smallest and thickest membrane.
     smallest = sg.solve(sg.shell.Free(shell(a=10 * mm, t_m=2 * mm)), 10 * kPa)

@@ -16,14 +16,15 @@ from conftest import ROOT
 from scipy import optimize, stats
 
 import softgrip_jax as sg
+from optim.calibration.model import Fitting
 from optim.plan import settings
-from optim.plan.decision import decided
+from optim.plan.decision import Verdict, decided
 from optim.plan.information import CRITERIA, Candidates, choose, evenly
-from optim.plan.plan import make
-from optim.plan.run import decided_words, record
+from optim.plan.plan import Plan, make
+from optim.plan.run import _expected, decided_words, draw, record, rows
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
-from softgrip_jax.units import kPa, mm
+from softgrip_jax.units import DISPLAY, SI, kPa, mm
 
 CONFIG = ROOT / "configs" / "plan_shell.toml"
 SPREADS = np.array([0.15, 0.08])
@@ -326,6 +327,122 @@ def test_mistakes_are_one_sentence(old, new, words, tmp_path, capsys, monkeypatc
     told = " ".join(capsys.readouterr().err.split())
     assert words in told
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+STRIP = """
+[scene]
+type = "shell.Grasp"
+radius_mm = 20
+gap_mm = 5
+mass_g = 563
+friction = 0.96
+shell = {{ a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = {{ type = "NeoHookean", mu_kPa = 175 }} }}
+[plan]
+points = 1
+[[plan.parameters]]
+name = "{name}"
+spread = 0.15
+[[plan.measurements]]
+name = "tension test"
+quantity = "stress"
+strains = [0.1, 0.5, 0.9]
+noise = 2
+unit = "kPa"
+{more}
+"""
+
+
+def strip(folder, name="shell.material.mu_kPa", more=""):
+    """A plan of a tension test, which is compiled in no time."""
+    (folder / "plan.toml").write_text(STRIP.format(name=name, more=more))
+    return settings.read(configs.load(folder / "plan.toml"))
+
+
+def test_what_is_expected_is_that_of_the_draws_with_a_state(tmp_path, monkeypatch):
+    """One draw has no state at the first two strains, and none has one at the last."""
+    read, predict = strip(tmp_path), Fitting.predict
+    points = stats.qmc.Sobol(1, rng=read.table.seed).random(read.table.draws)
+    mu = np.sort(175 * kPa * np.exp(0.15 * stats.norm.ppf(points[:, 0])))
+
+    def with_states(self, x, xs):
+        found = predict(self, x, xs)
+        ok = found.ok & (x[0] > mu[0] * 1.0001) & jnp.array([True, True, False])
+        return found._replace(values=jnp.where(ok, found.values, 0.0), ok=ok)
+
+    monkeypatch.setattr(Fitting, "predict", with_states)
+    plan = make(read)
+    at = plan.x[plan.chosen[0]]
+    assert np.isnan(plan.values).sum(axis=0).tolist() == [1, 1, len(mu)]
+    wanted = mu[1:].mean() / kPa * (1 + at - (1 + at) ** -2)
+    assert rows(plan)[0]["expected"] == pytest.approx(wanted, rel=1e-9)
+    assert record(plan)["without_a_state"] == ["tension test strain 0.9"]
+    draw(plan, tmp_path / "plan.png")
+    assert _expected(plan, 1)[1] == pytest.approx(mu[1:].std() / kPa * (1.5 - 1.5**-2), rel=1e-9)
+    assert np.isnan(_expected(plan, 2)).all()
+
+
+MASS = """
+[[plan.measurements]]
+name = "scales"
+number = "mass_g"
+noise = {noise}
+unit = "{unit}"
+"""
+
+
+@pytest.mark.parametrize(("noise", "unit"), [(2, "g"), (0.002, "kg")])
+def test_a_mass_is_measured_in_its_units(noise, unit, tmp_path):
+    read = strip(tmp_path, "mass_g", MASS.format(noise=noise, unit=unit))
+    scales = read.measurements[1]
+    assert scales.table.noise * read.factor(scales) == pytest.approx(2e-3)
+
+
+def test_every_kind_has_the_units_it_is_displayed_in_and_no_other_kind_has_any(tmp_path):
+    for kind, (label, value) in DISPLAY.items():
+        units = settings._units(kind, "here")
+        assert units[label or "1"] == value
+        assert units[SI[kind] or "1"] == 1.0
+    assert settings._units("position", "here") == settings._units("length", "here")
+    with pytest.raises(sg.errors.ConfigError, match="here is of the kind 'colour', which has no unit; it must be one"):
+        settings._units("colour", "here")
+    with pytest.raises(sg.errors.ConfigError, match="its unit is 'N'; it must be one of g, kg"):
+        strip(tmp_path, "mass_g", MASS.format(noise=2, unit="N"))
+
+
+FINGER = """
+[scene]
+type = "pneunet.Free"
+finger = { preset = "table_5_1_A" }
+[plan]
+[[plan.parameters]]
+name = "finger.material.mu_kPa"
+spread = 0.1
+[[plan.measurements]]
+name = "tension test"
+quantity = "stress"
+strains = [0.5]
+noise = 2
+unit = "kPa"
+[plan.decision]
+"""
+
+
+@pytest.mark.parametrize(
+    ("asked", "words"),
+    [
+        ('quantity = "tip.x_mm"\nat = { pressure_kPa = 20 }', "tip.x_mm is expected to be 20 mm, known to +- 3.92 mm"),
+        ('quantity = "margins.walls_fit_mm"', "margins.walls_fit_mm is expected to be 20 mm, known to"),
+        ('quantity = "limit_pressure_kPa"', "limit_pressure_kPa is expected to be 2e-05 kPa, known to"),
+        ('quantity = "tip_angle_deg"\nat = { pressure_kPa = 20 }', "tip_angle_deg is expected to be 1.1459 deg"),
+    ],
+)
+def test_a_decision_on_any_quantity_is_told_in_its_unit(asked, words, tmp_path):
+    (tmp_path / "plan.toml").write_text(f"{FINGER}{asked}\nlow = 1\n")
+    read, nothing = settings.read(configs.load(tmp_path / "plan.toml")), np.zeros(0)
+    verdict = Verdict(0.02, 0.002, 0.001, 0.5, 0.9, None)
+    plan = Plan(read, random_candidates(1), nothing, nothing, nothing, nothing, [], {}, (), verdict)
+    (told,) = decided_words(plan)
+    assert told.startswith(words)
 
 
 def test_numbers_that_nothing_depends_on_are_told(tmp_path):

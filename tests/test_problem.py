@@ -138,6 +138,24 @@ def test_unknown_values_count_for_nothing(problem):
     np.testing.assert_array_equal(judged.violations, np.zeros(4))
 
 
+def test_what_has_no_end_is_large_and_not_unknown():
+    """A membrane without a largest pressure is the best where that is wanted, and breaks an upper bound."""
+    space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 1 * mm, 2 * mm)])
+    largest = Quantity("limit_pressure")
+
+    def score(goal, value):
+        wanted = Problem(space, [goal], [Limits(largest, low=10 * kPa, high=30 * kPa)])
+        judged = wanted.score(jnp.full(1, value), wanted.scales([20 * kPa]))
+        return float(judged.objective), np.asarray(judged.violations)
+
+    best = Goal("maximise", largest)
+    assert score(best, np.inf)[0] < score(best, 1e3 * kPa)[0]
+    assert score(Goal("reach", largest, target=20 * kPa), np.inf)[0] > 1e3
+    low, high = score(best, np.inf)[1]
+    assert low < 0 < high
+    assert score(best, np.nan) == (0.0, pytest.approx([0, 0]))
+
+
 def test_scales_come_from_the_first_design_that_gives_one():
     """The start (first row) has no force and a pressure of zero, the next design neither, the third has both."""
     goals = [
@@ -193,6 +211,11 @@ def _make(goals, limits=()):
             lambda: _make([Goal("minimise", Quantity("force", 1e3, "lift"))], [Limits(Quantity("force", 1e3, "lift"))]),
             "has no bound",
         ),
+        (lambda: Goal("reach", Quantity("force", 1e3, "lift"), target=np.nan), "must be a finite number"),
+        (lambda: Goal("minimise", Quantity("force", 1e3, "lift"), weight=-1.0), "weight for .* must be zero or more"),
+        (lambda: Goal("minimise", Quantity("force", 1e3, "lift"), scale=0.0), "scale for .* must be above zero"),
+        (lambda: Limits(Quantity("force", 1e3, "lift"), high=np.inf), "must be a finite number"),
+        (lambda: Limits(Quantity("force", 1e3, "lift"), high=1.0, scale=-1.0), "scale for .* must be above zero"),
     ],
 )
 def test_mistakes_are_named(make, sentence):

@@ -2,6 +2,7 @@
 finite differences, distributions by their moments, and what the section [design.uncertain] does not take."""
 
 import json
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -18,15 +19,17 @@ from optim.design import settings
 from optim.design.run import run_design
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.robust.budget import allocation
-from optim.robust.count import counted, promised
+from optim.robust.count import Count, counted, promised
 from optim.robust.evaluate import Answer, Wants
 from optim.robust.expansion import expanded, star
 from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
+from optim.robust.run import Robust, _first
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
+from softgrip_jax.cli import NO_ANSWER, run
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
@@ -67,7 +70,7 @@ class Toy(Problem):
         return self.measure(t)
 
 
-def toy(wanted, bent=0.0, distribution="normal", box=2.0):
+def toy(wanted, bent=0.0, distribution="normal", box=2.0, of=Toy):
     """What is wanted of the parts of a toy."""
     scene = SCENE
     space = Space({"toy": scene}, [Variable("shell.a", 8 * mm, 16 * mm), Variable("shell.b", 18 * mm, 30 * mm)])
@@ -76,7 +79,7 @@ def toy(wanted, bent=0.0, distribution="normal", box=2.0):
         for name, d in zip(("shell.a", "shell.b"), DEVIATIONS, strict=True)
     ]
     scatters = Scatters(numbers)
-    problem = Toy(ScatteredSpace(space, scatters), bent)
+    problem = of(ScatteredSpace(space, scatters), bent)
     scales = problem.scales(np.array([1 * mm, 1 * mm]))
     return Wants(Parts(problem), scatters, Requirements(problem), wanted, scales, box=box), problem.space
 
@@ -134,6 +137,39 @@ def test_the_worst_case_of_a_linear_problem_is_a_corner(distribution):
     count = counted(wants, best.t, 2000)
     assert count.goal <= best.values[0] * (1 + 1e-9)
     assert count.goal > best.values[0] - 1e-2  # its corners are among what is counted
+
+
+class Bursting(Toy):
+    """Parts whose b is below 20 mm have no equilibrium: where the objective is best, at the other end of the box."""
+
+    def measure(self, t, home=None):
+        found = super().measure(t)
+        b = self.space.scenes_at(self.space.from_unit(t))["toy"].shell.b
+        lost = (20 * mm - b) / mm
+        return found._replace(
+            values=jnp.where(lost > 0, jnp.nan, found.values),
+            shortfall=jnp.maximum(lost, 0.0),
+            statuses=jnp.where(lost > 0, int(Status.BEYOND_LIMIT), found.statuses),
+        )
+
+
+def test_parts_without_equilibrium_are_looked_for_where_the_objective_is_best():
+    """The shortfall has no slope at a design that has its equilibrium; nobody asked for the corner that has none."""
+    sure, _ = toy(Wanted("worst", 0.5, None), of=Bursting)
+    ts = np.array([[0.5, (20.9 - 18) / 12], [0.5, (20.5 - 18) / 12]])  # b = 20.9 and 20.5 mm, which scatters by 0.8 mm
+    values, _, deviations = sure.worst(ts)
+    assert values[0, -1] == 0
+    assert values[1, -1] > 0
+    assert deviations[1, -1, 1] < 0
+    assert sure.at_worst(ts).values[1, -1] > 0
+
+
+@pytest.mark.parametrize(("violation", "lost", "good"), [(-0.1, 0.0, True), (0.05, 0.0, False), (-0.1, 0.001, False)])
+def test_a_promise_holds_only_where_its_constraints_do(violation, lost, good):
+    counts = Count(100, 1.0, lost, np.zeros(1), 1.0, violation, np.zeros((100, 1)), np.zeros(100))
+    uncertain = SimpleNamespace(wanted=Wanted("worst", 0.5, None))
+    robust = SimpleNamespace(share=None, goal=1.0, uncertain=uncertain, of_best=counts)
+    assert Robust.holds.fget(robust) == good  # type: ignore[attr-defined]
 
 
 def test_the_derivative_of_what_is_wanted_is_that_of_finite_differences():
@@ -263,6 +299,9 @@ t_m_mm = 1.1
 type = "NeoHookean"
 mu_kPa = 175
 
+[manufacture]
+rim_mm = 5
+
 [design]
 starts = 4
 steps = 6
@@ -343,6 +382,8 @@ def test_a_run_promises_what_plain_monte_carlo_counts(folder):
     names = {path.name for path in folder.iterdir()}
     assert {"robust.csv", "robust.png", "nominal_best.toml", "best.toml"} <= names
     assert len(robust["tolerances"]) == 3
+    for name in ("best.toml", "nominal_best.toml"):
+        assert configs.load(folder / name).tables["manufacture"] == {"rim_mm": 5}
 
 
 def test_a_stopped_improvement_keeps_the_nominal_designs(tmp_path, monkeypatch):
@@ -357,6 +398,29 @@ def test_a_stopped_improvement_keeps_the_nominal_designs(tmp_path, monkeypatch):
     assert result["stopped"]
     assert result["best"]["feasible"]
     assert "robust" not in result
+
+
+def test_where_no_robust_design_is_found_the_nominal_ones_are_kept(tmp_path, monkeypatch, capsys):
+    """Told where people look, with the exit code of a question without an answer."""
+    monkeypatch.setattr("optim.robust.run._improve", lambda *_: _first([]))
+    (tmp_path / "shell.toml").write_text(CONFIG)
+    assert run(["design", str(tmp_path / "shell.toml"), "--out", str(tmp_path / "run")]) == NO_ANSWER
+    sentence = (
+        f"{tmp_path / 'shell.toml'}, [design.uncertain]: No design was found that has an equilibrium and parts to "
+        "count. The nominal designs are kept."
+    )
+    out = tmp_path / "run"
+    assert sentence in capsys.readouterr().out
+    assert sentence in (out / "summary.txt").read_text()
+    assert sentence in (out / "best.toml").read_text()
+    result = json.loads((out / "result.json").read_text())
+    assert result["remarks"][-1] == sentence
+    assert result["best"]["feasible"]
+    assert not result["stopped"]
+    assert "robust" not in result
+    names = {path.name for path in out.iterdir()}
+    assert {"designs.csv", "history.csv", "convergence.png", "before_after.png", "report.html"} <= names
+    assert not names & {"nominal_best.toml", "robust.csv"}
 
 
 def test_solved_parts_and_expanded_ones_agree_on_a_shell(tmp_path):

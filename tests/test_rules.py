@@ -184,6 +184,15 @@ def test_an_obstacle_inside_the_flat_membrane():
     assert margin(Rod(20 * mm, 3 * mm))[1] == pytest.approx(3)
     # A plane that falls by 16 tan(0.1) towards one edge; nearest along its normal.
     assert margin(Plane(2 * mm, tilt_y=0.1))[1] == pytest.approx(2 * np.cos(0.1) - 16 * np.sin(0.1))
+    # A thin rod between the points of a grid: it falls along the membrane, and is lowest where the membrane ends.
+    thin = Rod(1 * mm, 1 * mm, heading=np.pi / 2, incline=np.pi / 6)
+
+    def clearance(rod):
+        return sg.shell.ObstacleContact(shell, rod, across=2, lengthwise=2).margins_at_rest()["membrane_clear_at_rest"]
+
+    clear, slopes = jax.value_and_grad(clearance)(thin)
+    assert float(clear) / mm == pytest.approx(-1, abs=1e-3)  # its axis meets the plane of the membrane
+    assert float(slopes.radius) == pytest.approx(-1, abs=0.9)
     # A rod along the membrane whose axis falls: at the edge its surface is lower by 43 sin(incline).
     tilted, clear = margin(Rod(20 * mm, 3 * mm, heading=np.pi / 2, incline=0.1))
     axis_height = 23 - 43 * np.tan(0.1)

@@ -13,10 +13,12 @@ from rich.console import Console
 
 import optim
 import softgrip_jax as sg
+from optim import records
 from optim.design import run as runs
 from optim.design import settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import STOPPED, run
+from softgrip_jax.commands import sweep as sweeps
 from softgrip_jax.config import ConfigError
 from softgrip_jax.folders import new_folder
 from softgrip_jax.results import Status
@@ -338,6 +340,61 @@ def test_of_several_scenes_the_next_command_names_one(goal, command, tmp_path, c
     words = shlex.split(capfd.readouterr().out.partition("Next: softgrip ")[2])
     assert words == [command, str(folder / "out" / "best.toml"), "--scene", "plane"]
     assert run(words) == 0
+
+
+def test_scenes_are_written_in_the_order_of_the_config_with_what_belongs_to_the_part(tmp_path):
+    path = tmp_path / "two.toml"
+    path.write_text(TWO_SCENES.replace("GOAL", 'minimise = "plane.stretch"') + "[manufacture]\nrim_mm = 5\n")
+    read = configs.load(path)
+    scenes, kept = records.as_given(read, {"other": 1, "plane": 2, "free": 3})
+    assert list(scenes.items()) == [("free", 3), ("plane", 2), ("other", 1)]
+    assert kept == {"manufacture": {"rim_mm": 5}}
+    assert records.as_given(dataclasses.replace(read, tables={}), {"plane": 2}) == ({"plane": 2}, {})
+
+
+SWEPT = """
+[scene]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { preset = "dragon_skin_20_shell" } }
+[sweep]
+method = "grid"
+[[sweep.variables]]
+name = "shell.t_m_mm"
+values = [1.0]
+[[sweep.observables]]
+name = "inflation_mm"
+at = { pressure_kPa = 5 }
+[calibrate]
+[[calibrate.curves]]
+name = "free"
+file = "data.csv"
+"""
+
+
+def test_a_sweep_reads_the_files_that_it_keeps_before_it_begins(tmp_path, capsys, monkeypatch):
+    """One that is missing ends it at once, and one that goes or changes meanwhile is kept as it was."""
+    config, data, begun = tmp_path / "sweep.toml", tmp_path / "data.csv", []
+    config.write_text(SWEPT)
+    whole = sweeps.run_in
+
+    def run_in(*arguments):
+        begun.append(True)
+        data.unlink(missing_ok=True)
+        config.write_text("")
+        whole(*arguments)
+
+    monkeypatch.setattr(sweeps, "run_in", run_in)
+    words = ["sweep", str(config), "--out", str(tmp_path / "out"), "--csv"]
+    assert run(words) == 2
+    assert f"{config}: it names {data}, which cannot be read: no such file or directory; " in capsys.readouterr().err
+    assert not begun
+    assert not (tmp_path / "out").exists()
+    data.write_text("p,h\n1,1\n")
+    assert run(words) == 0
+    assert begun
+    assert (tmp_path / "out" / "data.csv").read_text() == "p,h\n1,1\n"
+    assert (tmp_path / "out" / "config.toml").read_text() == SWEPT
+    assert {"study.csv", "summary.txt", "report.html"} <= {path.name for path in (tmp_path / "out").iterdir()}
 
 
 def test_a_folder_that_cannot_be_made_is_named_before_anything_is_compiled(tmp_path, capsys, monkeypatch):

@@ -105,3 +105,14 @@ def test_a_variable_twice_is_a_mistake():
     twice = [Variable("free.shell.a", 8 * mm, 24 * mm)] * 2
     with pytest.raises(ValueError, match="given twice"):
         Space(scenes(), twice)
+
+
+def test_a_number_under_two_names_is_a_mistake():
+    """Only the last of them counted, in every scene that both name."""
+    both = [Variable("shell.t_m", 1 * mm, 2 * mm), Variable("flat.shell.t_m", 1 * mm, 2 * mm)]
+    with pytest.raises(ValueError, match=r"moves a number that variable 'shell\.t_m' moves, too"):
+        Space(scenes(), both)
+    with pytest.raises(ValueError, match="moves a number that variable 'one' moves, too"):
+        Space(scenes(), [Variable("one", 1 * mm, 2 * mm, where=lambda s: s["free"].shell.t_m), both[0]])
+    apart = [Variable("free.shell.t_m", 1 * mm, 2 * mm), both[1]]
+    assert Space(scenes(), apart).names == ["free.shell.t_m", "flat.shell.t_m"]

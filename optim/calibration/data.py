@@ -26,6 +26,9 @@ UNITS: dict[str, dict[str, float]] = {
     "moment": {"N mm": 1e-3, "N m": 1.0},
     "angle": {"deg": degree, "rad": 1.0},
     "number": {"1": 1.0, "%": 1e-2},
+    "mass": {"g": 1e-3, "kg": 1.0},
+    "curvature": {"1/m": 1.0},
+    "force_per_length": {"N/m": 1.0},
 }
 """Kind of quantity -> the units that a column may be in, and their value in SI."""
 

@@ -29,6 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
+from softgrip_jax.parameters import ready
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
 
@@ -183,8 +184,7 @@ class Fitting:
     ):
         if loss not in LOSSES:
             raise InputError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
-        ready = {name: model.prepared() if isinstance(model, Scene) else model for name, model in models.items()}
-        self.space, self.curves, self.loss = Space(ready, variables), tuple(curves), loss
+        self.space, self.curves, self.loss = Space(ready(models, variables), variables), tuple(curves), loss
         self.given = Space(models, variables)
         """The same leaves of the models as they were given."""
         self.xs: dict[str, np.ndarray] = {}

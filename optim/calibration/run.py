@@ -41,7 +41,7 @@ from ..posterior.write import comment as comment_of
 from ..posterior.write import report as report_posterior
 from ..posterior.write import summary as summary_of
 from ..posterior.write import write_file, write_pictures
-from ..records import summary, versions
+from ..records import as_given, summary, versions
 from ..tension.run import run_tension
 from ..tension.test import material_of
 from . import settings
@@ -124,24 +124,28 @@ def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> 
 
 def _write(folder: Path, read: configs.Config, findings: Findings, found: Posterior | None = None) -> None:
     fit = findings.fit
-    modules = fit.modules()
-    scenes = {name: modules[name] for name in read.scenes}
+    scenes, kept = _scenes_of(read, fit)
     said = _lines(findings) + ([] if found is None else comment_of(found))
     comment = provenance(read.path.name) + "\n" + "\n".join(said)
-    (folder / "calibrated.toml").write_text(configs.dump(scenes, comment), encoding="utf-8")
+    (folder / "calibrated.toml").write_text(configs.dump(scenes, comment, **kept), encoding="utf-8")
     material = _one_material(scenes)
     if material is not None:
         (folder / "material.toml").write_text(material_text(material, comment), encoding="utf-8")
     if findings.rival is not None:
-        other = findings.rival.fits[1].modules()
-        scenes = {name: other[name] for name in read.scenes}
+        scenes, kept = _scenes_of(read, findings.rival.fits[1])
         drive = findings.rival.drives[1]
         said = f"{provenance(read.path.name)}\nThe fit by the other drive of the finger, {drive}."
-        (folder / f"calibrated_{drive}.toml").write_text(configs.dump(scenes, said), encoding="utf-8")
+        (folder / f"calibrated_{drive}.toml").write_text(configs.dump(scenes, said, **kept), encoding="utf-8")
     write_points(folder / "points.csv", fit)
     result = _summary(findings) | ({} if found is None else {"posterior": summary_of(found)})
     (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
     draw(fit, folder / "fit.png")
+
+
+def _scenes_of(read: configs.Config, fit: Fit) -> tuple[dict[str, Any], dict[str, Any]]:
+    """(the scenes of the config with the fitted numbers, its sections that belong to the part)."""
+    modules = fit.modules()
+    return as_given(read, {name: modules[name] for name in read.scenes})
 
 
 def _one_material(scenes: dict[str, Any]) -> Material | None:

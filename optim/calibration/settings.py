@@ -236,6 +236,10 @@ def _quantities(scene: Any) -> dict[str, tuple[str, str, int | None]]:
 
 def column(table: ColumnTable, kind: str, place: str) -> Column:
     """The column that a table names; a ConfigError for a unit that its kind of quantity cannot have."""
+    if kind not in UNITS:
+        raise ConfigError(
+            f"{place}: column {table.column!r} is of the kind {kind!r}; a column must be of one of {', '.join(UNITS)}."
+        )
     if table.unit not in UNITS[kind]:
         allowed = ", ".join(UNITS[kind])
         raise ConfigError(
@@ -264,8 +268,23 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
     found: dict[str, Any] = {"x": whole[:, 0], "y": whole[:, 1], "notes": tuple(notes)}
     if len(files) > 1:
         found["specimen"] = np.repeat(np.arange(len(files)), [len(part) for part in parts])
-        found["specimens"] = tuple(Path(one).stem for one in files)
+        found["specimens"] = _names(files)
     return found
+
+
+def _names(files: list[str]) -> tuple[str, ...]:
+    """What the specimens of a curve are called: the stem of the file, with as many of its folders, and at last its
+    suffix, as tell it from the other files of that stem."""
+    paths = [Path(one) for one in files]
+    return tuple(_name(path, {other for other in paths if other.stem == path.stem}) for path in paths)
+
+
+def _name(path: Path, alike: set[Path]) -> str:
+    for count in range(1, max(len(one.parts) for one in alike) + 1):
+        names = {one: Path(*one.with_suffix("").parts[-count:]).as_posix() for one in alike}
+        if len(set(names.values())) == len(alike):
+            return names[path]
+    return path.as_posix()
 
 
 def _variable(config: configs.Config, models: dict[str, Any], table: ParameterTable, where: str) -> Variable:

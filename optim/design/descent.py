@@ -27,6 +27,7 @@ from jaxtyping import Array, Float, Int
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
+from softgrip_jax.folders import DeferInterrupt
 from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Solution, Status
@@ -600,14 +601,15 @@ def search(
 
     company = Company(starts)
     members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company)
-    descended = time.perf_counter()
-    remarks = scaling.remarks()
-    for sentence in remarks:
-        remark(sentence)
-
-    ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
-    candidates = ends[_distinct(ends, ranks, REGION)[: max(finishes, 1)]]
-    designs = designs_at(problem, score, evaluate, candidates)
+    with DeferInterrupt() as waiting:  # what was found is known only once it is solved
+        descended = time.perf_counter()
+        remarks = scaling.remarks()
+        for sentence in remarks:
+            remark(sentence)
+        ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
+        candidates = ends[_distinct(ends, ranks, REGION)[: max(finishes, 1)]]
+        designs = designs_at(problem, score, evaluate, candidates)
+    stopped |= waiting.asked
     alone = min((d.objective for d in designs if d.feasible), default=float("nan"))
     if finishes and not stopped:
         try:
@@ -617,13 +619,16 @@ def search(
             designs = [after if after.rank <= before.rank else before for after, before in both]
         except KeyboardInterrupt:
             stopped = True
-    order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
-    chosen = [designs[k] for k in order]
-    if chosen[0].feasible:
-        chosen = [d for d in chosen if d.feasible]
+    with DeferInterrupt() as waiting:
+        order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
+        chosen = [designs[k] for k in order]
+        if chosen[0].feasible:
+            chosen = [d for d in chosen if d.feasible]
+        reference = designs_at(problem, score, evaluate, reference_t[None])[0]
+        solutions = evaluate.solutions(np.stack([reference_t, chosen[0].t]))
     return SearchResult(
         problem,
-        designs_at(problem, score, evaluate, reference_t[None])[0],
+        reference,
         chosen,
         history,
         evaluate.solves,
@@ -632,13 +637,13 @@ def search(
             "descend": descended - compiled,
             "finish": time.perf_counter() - descended,
         },
-        stopped,
+        stopped or waiting.asked,
         paths,
         alone,
         _reached(ends, chosen),
         company.merged,
         tuple(remarks),
-        evaluate.solutions(np.stack([reference_t, chosen[0].t])),
+        solutions,
     )
 
 

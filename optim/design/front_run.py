@@ -22,7 +22,7 @@ from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
-from ..records import agreed, design_row, in_si, next_command, said, versions, write_csv
+from ..records import agreed, as_given, design_row, in_si, next_command, said, versions, write_csv
 from ..records import summary as summary_line
 from . import settings
 from .pareto import Front, pareto
@@ -31,8 +31,11 @@ SHOWN = 9
 """Designs in the printed table, spread over the front; designs.csv has them all."""
 
 
-def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: str, console: Console) -> Path:
+def run_front(
+    given: bytes, read: configs.Config, wanted: settings.Settings, out: Path | None, console: Console
+) -> Path:
     """Find the front, print it, and return the folder that holds it; Ctrl-C as in `run.run_design`."""
+    name = read.path.stem
     with new_folder(out, name) as (folder, final):
         with located(name), stages(console) as tell:
             tell("compiling")
@@ -43,7 +46,7 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
             )
         with DeferInterrupt() as writing:
             tell_and_keep(folder, console, partial(report, front))
-            _write(folder, given, wanted, front)
+            _write(folder, given, read, wanted, front)
             write_report(folder, final.name)
     if front.stopped:
         console.print("Stopped before the front was found; the best designs until then are kept.")
@@ -54,7 +57,7 @@ def run_front(given: bytes, wanted: settings.Settings, out: Path | None, name: s
     return final
 
 
-def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) -> None:
+def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Settings, front: Front) -> None:
     from softgrip_jax import plots
 
     problem = front.problem
@@ -63,8 +66,8 @@ def _write(folder: Path, given: bytes, wanted: settings.Settings, front: Front) 
     (folder / "designs").mkdir()
     name, at = settings.asked_first(problem)
     for k, design in enumerate(front.designs):
-        scenes = problem.scenes_at(design.x)
-        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(at, scenes[name]))
+        scenes, kept = as_given(read, problem.scenes_at(design.x))
+        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(at, scenes[name]), **kept)
         (folder / "designs" / f"{k + 1:02d}.toml").write_text(text, encoding="utf-8")
     places = [problem.asked.index(goal.quantity) for goal in problem.goals]
     plots.front(

@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
+from softgrip_jax.folders import DeferInterrupt
 
 from ..problem import Problem, Scaling
 from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
@@ -137,9 +138,10 @@ def pareto(
         if not len(rows):
             raise
     t, terms = known.t[rows], known.terms[rows]
-    designs = designs_at(problem, known.score, known.evaluate, t)
+    with DeferInterrupt() as waiting:  # the front is found, and its designs are there once they are solved
+        designs = designs_at(problem, known.score, known.evaluate, t)
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
-    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped)
+    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped or waiting.asked)
 
 
 def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np.ndarray:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import typer
 from rich.console import Console
 
 import softgrip_jax as sg
@@ -35,7 +36,7 @@ from softgrip_jax.tables import Table
 from .. import rules
 from ..drives import by_other_drive
 from ..problem import Goal, Problem
-from ..records import agreed, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
+from ..records import agreed, as_given, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
 from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
@@ -46,6 +47,9 @@ from .islands import evaluator_on
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
 
+NO_ANSWER = 1
+"""The exit code of a question without an answer, as `softgrip_jax.cli` has it: a room of searches knows no command."""
+
 SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
 
@@ -54,7 +58,8 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     """Search as the config says, print what was found, and return the folder that holds it. spread: who solves the
     designs in place of this process.
 
-    Stopped by Ctrl-C it keeps and prints what was found until then, and raises KeyboardInterrupt again.
+    Stopped by Ctrl-C it keeps and prints what was found until then, and raises KeyboardInterrupt again. Where no robust
+    design is found it keeps and prints the nominal ones, and raises typer.Exit with the code NO_ANSWER.
     """
     read = configs.load(config)
     given = configs.standalone(config)
@@ -63,8 +68,8 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     if wanted.is_front:
         if spread is not None:
             raise ConfigError(f"{config}, [design]: a front is searched in one process; leave out --workers.")
-        return run_front(given, wanted, out, config.stem, console)
-    robust, scattered = None, None
+        return run_front(given, read, wanted, out, console)
+    robust, scattered, missed = None, None, ""
     if wanted.uncertain is not None:
         if spread is not None:
             raise ConfigError(f"{config}, [design.uncertain]: this is searched in one process; leave out --workers.")
@@ -78,6 +83,9 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
                     result, robust = scattered.robust(result, tell)
             except KeyboardInterrupt:  # the nominal designs are there
                 result = dataclasses.replace(result, stopped=True)
+            except InputError as error:  # they are there, too
+                missed = f"{error} The nominal designs are kept."
+                result = dataclasses.replace(result, remarks=(*result.remarks, missed))
         if result.stopped:
             console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
         with DeferInterrupt() as writing:
@@ -86,16 +94,20 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
                 report(result, console)
                 if robust:
                     robust_report.tell(wanted.problem, result, robust, console)
+                if missed:
+                    console.print(missed, style="bold", soft_wrap=True, markup=False)
 
             tell_and_keep(folder, console, tell_all)  # at once: pictures take a while
             if robust:
-                robust_report.write(folder, wanted.problem, result, robust)
-            _write(folder, given, read, wanted, result, robust)
+                robust_report.write(folder, read, wanted.problem, result, robust)
+            _write(folder, given, read, wanted, result, robust, missed)
             write_report(folder, final.name)
     command = next_command(wanted.problem, final / "best.toml", result.best)
     console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:
         raise KeyboardInterrupt
+    if missed:
+        raise typer.Exit(NO_ANSWER)
     return final
 
 
@@ -163,6 +175,7 @@ def _write(
     wanted: settings.Settings,
     result: SearchResult,
     robust: Robust | None = None,
+    missed: str = "",
 ) -> None:
     problem, best = wanted.problem, result.best
     (folder / "config.toml").write_bytes(given)
@@ -171,11 +184,10 @@ def _write(
         comment += f"\nThe search was stopped after {len(result.history['moving'])} steps."
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
-    scenes = best_scenes(result)
-    # As the config has them: `measure` and `export` take the first one, and [manufacture] belongs to the part.
-    scenes = {name: scenes[name] for name in dict.fromkeys([*read.scenes, *scenes])}
+    if missed:
+        comment += f"\n{missed}"
+    scenes, kept = as_given(read, best_scenes(result))
     name, at = settings.asked_first(problem)
-    kept = {name: read.tables[name] for name in ("manufacture",) if name in read.tables}
     text = configs.dump(scenes, comment, **settings.question(at, scenes[name]), **kept)
     (folder / "best.toml").write_text(text, encoding="utf-8")
     write_csv(folder / "designs.csv", _design_rows(problem, result))

@@ -61,7 +61,7 @@ class Plan:
     x: np.ndarray
     """Its pressure (Pa) or strain; NaN for a number itself."""
     values: np.ndarray
-    """What is expected to be measured, SI, shape (draws, candidates)."""
+    """What is expected to be measured, SI, shape (draws, candidates); NaN where a draw has no state."""
     shares: np.ndarray
     """Of the draws that have a state, for every candidate."""
     chosen: list[int]
@@ -117,8 +117,8 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
             place = slice(start, start + len(one.curve.x))
             start = place.stop
             rows.append(predicted.slopes[:, place] * everywhere[:, None, :] / one.curve.noise)
-            values.append(predicted.response.values[:, place])
             known.append(predicted.response.ok[:, place])
+            values.append(np.where(known[-1], predicted.response.values[:, place], np.nan))
             x.append(one.curve.x)
         of.append(np.full(len(x[-1]), k))
     ok = np.concatenate(known, axis=1)

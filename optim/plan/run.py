@@ -20,7 +20,7 @@ from softgrip_jax.progress import stages
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
-from softgrip_jax.units import DISPLAY, unit_key
+from softgrip_jax.units import DISPLAY
 
 from ..records import summary, versions, write_csv
 from . import settings
@@ -80,10 +80,11 @@ def rows(plan: Plan) -> list[dict[str, Any]]:
 
 
 def _expected(plan: Plan, k: int) -> tuple[float, float]:
-    """(mean, standard deviation) over what is known of a measurement, in its own unit."""
+    """(mean, standard deviation) of a measurement over the draws that have a state, in its own unit; NaN if none."""
     one = plan.settings.measurements[plan.of[k]]
     values = plan.values[:, k] / plan.settings.factor(one)
-    return float(np.mean(values)), float(np.std(values))
+    values = values[np.isfinite(values)]
+    return (float(np.mean(values)), float(np.std(values))) if values.size else (np.nan, np.nan)
 
 
 def record(plan: Plan) -> dict[str, Any]:
@@ -166,9 +167,7 @@ def decided_words(plan: Plan) -> list[str]:
             f"The yield is expected to be {np.mean(v.yields):.1%}; for 95 % of what is possible it lies between "
             f"{low:.1%} and {high:.1%}. Whether it is at least {decision.uncertain.wanted.promised:.4g} {rightly}"
         ]
-    assert decision.quantity is not None
-    kind = next(k for k in DISPLAY if unit_key(decision.quantity.observable, k) == decision.key.split(".")[-1])
-    told = [in_units(one, kind) for one in (v.mean, 1.96 * v.before, 1.96 * v.after)]
+    told = [in_units(one, decision.kind) for one in (v.mean, 1.96 * v.before, 1.96 * v.after)]
     return [
         f"{decision.key} is expected to be {told[0]}, known to +- {told[1]} now and to +- {told[2]} after the plan. "
         f"Whether it keeps its bounds {rightly}"

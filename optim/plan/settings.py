@@ -28,7 +28,8 @@ import pydantic
 from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Table, Varied, quantity, varied
 from softgrip_jax.errors import ConfigError, located
-from softgrip_jax.quantities import Quantity
+from softgrip_jax.quantities import Quantity, kind_of
+from softgrip_jax.units import DISPLAY, SI
 
 from ..calibration.data import UNITS, Curve
 from ..calibration.model import Fitting
@@ -111,6 +112,8 @@ class Decision:
     """What scatters from part to part."""
     limits: tuple[Limits, ...] = ()
     """What a part must keep."""
+    kind: str = ""
+    """Of the quantity, a key of units.DISPLAY; empty for the yield."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,7 +138,7 @@ class Settings:
         """The unit of a measurement and of its noise, in SI."""
         curve = measurement.curve
         kind = self.numbers[measurement.index].kind if curve is None else curve.kind
-        return UNITS[kind][measurement.table.unit]
+        return _factor(measurement.table, kind, self.where)
 
 
 def read(config: configs.Config) -> Settings:
@@ -244,9 +247,21 @@ def _measurement(
 
 def _factor(table: MeasurementTable, kind: str, place: str) -> float:
     """The unit of the noise in SI."""
-    if table.unit not in UNITS[kind]:
-        raise ConfigError(f"{place}: its unit is {table.unit!r}; it must be one of {', '.join(UNITS[kind])}.")
-    return UNITS[kind][table.unit]
+    units = _units(kind, place)
+    if table.unit not in units:
+        raise ConfigError(f"{place}: its unit is {table.unit!r}; it must be one of {', '.join(units)}.")
+    return units[table.unit]
+
+
+def _units(kind: str, place: str) -> dict[str, float]:
+    """The units of a kind in SI: those of data, or, for kinds that no data have, the displayed one and that of SI."""
+    if kind not in DISPLAY:
+        raise ConfigError(
+            f"{place} is of the kind {kind!r}, which has no unit; it must be one of {', '.join(DISPLAY)}."
+        )
+    label, value = DISPLAY[kind]
+    # The component of a position is a length.
+    return UNITS.get("length" if kind == "position" else kind, {label: value, SI[kind]: 1.0})
 
 
 def _quantity(config: configs.Config, table: DecisionTable, space: Space, where: str) -> Decision:
@@ -264,7 +279,7 @@ def _quantity(config: configs.Config, table: DecisionTable, space: Space, where:
     high = np.inf if table.high is None else table.high * unit
     if not low < high:
         raise ConfigError(f"{where}: low is {table.low:g} and high {table.high:g}; low must be below high.")
-    return Decision(table.quantity, low, high, found)
+    return Decision(table.quantity, low, high, found, kind=kind_of(found, config.scenes))
 
 
 def _yield(config: configs.Config, table: DecisionTable, space: Space, where: str) -> Decision:

@@ -221,7 +221,11 @@ class Wants:
         )
 
     def worst(self, ts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(values, slopes by t, deviations) of the worst of every function; the last one is the shortfall."""
+        """(values, slopes by t, deviations) of the worst of every function; the last one is the shortfall.
+
+        The shortfall has no slope where a part has its equilibrium, so it is looked for in all parts that the others
+        ask for, and in the corners that are opposite to theirs.
+        """
         low, high = self.scatters.box(self.box)
         n, m, count = ts.shape[1], self.scatters.size, 2 + len(self.problem.constrained)
         at = np.zeros((len(ts), count, m))
@@ -231,10 +235,10 @@ class Wants:
             np.zeros((len(ts), count, n)),
             np.zeros((len(ts), count, m)),
         )
-        share = np.ones((len(ts), count, 1))
+        share, opposite = np.ones((len(ts), count, 1)), np.zeros((len(ts), 0, m))
         for step in range(ASCENTS):
             # At the first step all functions ask for the same part, the design itself.
-            s = at[:, :1] if step == 0 else at
+            s = at[:, :1] if step == 0 else np.concatenate([at, opposite], axis=1) if step == 1 else at
             rows_t, rows_s = np.repeat(ts, s.shape[1], axis=0), s.reshape(-1, m)
             found = self.parts(rows_t, rows_s)
             value, slope = self._functions(found)
@@ -245,15 +249,22 @@ class Wants:
                     np.broadcast_to(value, (len(ts), count, count)),
                     np.broadcast_to(slope, (len(ts), count, count, n + m)),
                 )
+            # Of all these parts, the one that lacks most of its equilibrium.
+            designs, worst = np.arange(len(ts)), np.argmax(value[..., -1], axis=1)
+            lacks, of_lost = value[designs, worst, -1], slope[designs, worst, -1]
+            lost_s = np.broadcast_to(s, (len(ts), value.shape[1], m))[designs, worst]
             own = np.arange(count)
-            value, slope = value[:, own, own], slope[:, own, own]
+            value, slope, asked = value[:, own, own], slope[:, own, own], at.copy()
+            more = lacks > value[:, -1]
+            value[more, -1], slope[more, -1], asked[more, -1] = lacks[more], of_lost[more], lost_s[more]
             better = value > best + 1e-12
             best = np.where(better, value, best)
-            best_s = np.where(better[..., None], at, best_s)
+            best_s = np.where(better[..., None], asked, best_s)
             best_t = np.where(better[..., None], slope[..., :n], best_t)
             best_by_s = np.where(better[..., None], slope[..., n:], best_by_s)
             share = np.where(better[..., None], 1.0, 0.5 * share)
             corner = np.where(best_by_s > 0, high, np.where(best_by_s < 0, low, best_s))
+            opposite = np.where(best_by_s > 0, low, np.where(best_by_s < 0, high, best_s))[:, :-1]
             following = best_s + share * (corner - best_s)
             if np.allclose(following, at) or (step and np.allclose(following, best_s)):
                 break

@@ -15,7 +15,7 @@ from softgrip_jax.units import DISPLAY
 
 from ..design.descent import SearchResult
 from ..problem import Problem
-from ..records import write_csv
+from ..records import as_given, write_csv
 from .count import Count
 from .improve import ASCENT, DERIVATIVES
 from .run import Robust, words
@@ -110,7 +110,9 @@ def sentences(problem: Problem, robust: Robust) -> list[str]:
         check = "holds" if robust.holds else "does NOT hold"
         found.append(
             f"The promise {check}: an objective of {robust.goal:.5g} in the {wanted.goal} case was promised, and "
-            f"{robust.of_best.parts:,} fresh parts have {robust.of_best.goal:.5g} (scaled)."
+            f"{robust.of_best.parts:,} fresh parts have {robust.of_best.goal:.5g} (scaled), with "
+            f"{robust.of_best.lost:.2%} of them without equilibrium and a worst constraint of "
+            f"{robust.of_best.violation:+.2e}."
         )
     if not best.kept:
         reached = (
@@ -148,14 +150,13 @@ def record(problem: Problem, result: SearchResult, robust: Robust) -> dict[str, 
     }
 
 
-def write(folder: Path, problem: Problem, result: SearchResult, robust: Robust) -> None:
+def write(folder: Path, read: configs.Config, problem: Problem, result: SearchResult, robust: Robust) -> None:
     """nominal_best.toml, robust.csv, robust.png, and with a front robust_front.csv."""
     from softgrip_jax import plots
 
     comment = "The nominal best design, beside which best.toml is the robust one."
-    (folder / "nominal_best.toml").write_text(
-        configs.dump(problem.scenes_at(result.designs[1].x), comment), encoding="utf-8"
-    )
+    scenes, kept = as_given(read, problem.scenes_at(result.designs[1].x))
+    (folder / "nominal_best.toml").write_text(configs.dump(scenes, comment, **kept), encoding="utf-8")
     rows = side_by_side(problem, result, robust)
     write_csv(
         folder / "robust.csv", [{"": a, NOMINAL.replace(" ", "_"): b, ROBUST.replace(" ", "_"): c} for a, b, c in rows]

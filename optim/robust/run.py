@@ -18,7 +18,7 @@ from ..problem import Limits, Problem, Scaling
 from .budget import Budget, budget
 from .count import FRESH, Count, counted, promised
 from .evaluate import SAMPLES, Error, Wants
-from .improve import ASCENT, BY_SAMPLES, DERIVATIVES, WIDTHS, Improved, candidates, improved, is_good
+from .improve import ASCENT, BY_SAMPLES, DERIVATIVES, KEPT, WIDTHS, Improved, candidates, improved, is_good
 from .parts import DesignsOfParts, Parts, Requirements, problem_of_parts
 from .scatter import Scatters
 from .settings import Uncertain
@@ -92,7 +92,9 @@ class Robust:
         """Whether fresh parts do what was promised, within AGREED."""
         if self.share is not None:
             return abs(self.share - self.of_best.share) <= AGREED
-        return self.of_best.goal <= self.goal + AGREED * max(abs(self.goal), 1e-12)
+        allowed = 0.0 if self.uncertain.wanted.goal == "worst" else AGREED
+        kept = self.of_best.violation <= max(allowed, KEPT) and self.of_best.lost <= allowed
+        return kept and self.of_best.goal <= self.goal + AGREED * max(abs(self.goal), 1e-12)
 
 
 class Scattered:

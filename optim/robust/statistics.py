@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import betainc, expit, ndtri
 
-from ..problem import Problem, Scales
+from ..problem import Problem, Scales, finite
 from .parts import Requirements
 
 Kind = Literal["nominal", "expected", "quantile", "worst"]
@@ -67,8 +67,9 @@ def worth(
 
     def of_part(values: Array, shortfall: Array) -> Worth:
         judged = problem.score(values, scales)
-        known = jnp.isfinite(values)
-        own = [jnp.where(known[k], sign * (jnp.where(known[k], values[k], 0.0) - bound) / scale, 0.0)
+        known = ~jnp.isnan(values)
+        safe = jnp.where(known, values, 0.0)
+        own = [jnp.where(known[k], sign * (finite(safe[k], scale) - bound) / scale, 0.0)
                for k, sign, bound, scale in sides]  # fmt: skip
         every = jnp.concatenate([jnp.stack(own) if own else jnp.zeros(0), judged.violations[rules:]])
         worst = jnp.max(every, initial=-1e9) if every.size else jnp.asarray(-1e9)

@@ -32,6 +32,7 @@ from .rules import ManufactureTable as ManufactureTable
 from .sheet import as_html as as_html
 from .sheet import sheet as sheet
 from .sheet import silicone as silicone
+from .shell_parts import check_ring as check_ring
 from .shell_parts import shell_export as shell_export
 
 
@@ -58,6 +59,9 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -
     if isinstance(actuator, FlatShell):
         distance = getattr(scene, "distance", None)
         export = shell_export(actuator, table, None if distance is None else float(distance) / mm, with_moulds)
+        # The arcs know their object by its numbers, their twin by energy by its distance.
+        twin = scene.energy_scene() if hasattr(scene, "energy_scene") else scene.prepared()  # pyright: ignore
+        check_ring(getattr(twin, "body", None), actuator, table)
     else:
         export = finger_export(actuator, table, with_moulds)
         gripper = getattr(scene, "gripper", None)

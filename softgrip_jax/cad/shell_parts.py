@@ -6,14 +6,22 @@ opening 2a x 2b of frame and ring is what the model calls the clamped edge.
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
+import numpy as np
+
 from ..errors import InputError
 from ..shell import FlatShell
+from ..shell.obstacles import Obstacle
 from ..units import mm
 from .limits import at_least, check_common
 from .moulding import mould_of
 from .parts import Export, Probe, corners, piece, ring, rods
 from .rules import ManufactureTable
 from .solids import Block, Number, Shape
+
+RING_POINTS = 81
+"""Along each side of the ring, at which its distance from the object is asked."""
 
 
 def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number | None, with_moulds: bool) -> Export:
@@ -22,7 +30,7 @@ def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number 
     rim, bead, wall, gap = table.rim_mm, table.bead_mm, table.least_wall_mm, table.clearance_mm
     check(shell, table, t, a, distance_mm)
     outer = a + rim, b + rim
-    body = outer[0] + gap + table.frame_mm, outer[1] + gap + table.frame_mm
+    body = half_sizes(shell, table)
     inner = outer[0] - bead, outer[1] - bead
 
     sheet = Block((-outer[0], -outer[1], 0), (*outer, t))
@@ -74,6 +82,28 @@ def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number 
     }
     at_least("the rim within the bead", rim - bead - gap, wall, "raise rim_mm or lower bead_mm")
     return Export("shell", [membrane, frame, cover], moulds, probes, facts)
+
+
+def half_sizes(shell: FlatShell, table: ManufactureTable) -> tuple[float, float]:
+    """Of frame and ring, mm."""
+    around = table.rim_mm + table.clearance_mm + table.frame_mm
+    return float(shell.a) / mm + around, float(shell.b) / mm + around
+
+
+def check_ring(body: Obstacle | None, shell: FlatShell, table: ManufactureTable) -> None:
+    """The ring stays clear of the object that the membrane is to touch; an InputError in one sentence."""
+    if body is None:
+        return
+    sides = [np.linspace(-half, half, RING_POINTS) for half in half_sizes(shell, table)]
+    x, y = (part.ravel() for part in np.meshgrid(*sides))
+    on = (np.abs(x) >= float(shell.a) / mm) | (np.abs(y) >= float(shell.b) / mm)
+    places = np.stack([x[on], y[on], np.full(on.sum(), table.ring_mm)], axis=-1)
+    room = float(jnp.min(jax.vmap(body.distance)(jnp.asarray(places * mm)))) / mm
+    if room <= 0:
+        raise InputError(
+            f"ring_mm is {table.ring_mm:.4g} mm, and the ring would be {-room:.3g} mm inside the object before the "
+            "membrane touches it; lower ring_mm, or keep the object farther from the frame."
+        )
 
 
 def check(shell: FlatShell, table: ManufactureTable, t: Number, a: Number, distance_mm: Number | None) -> None:

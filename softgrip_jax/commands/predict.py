@@ -32,7 +32,7 @@ def run_predict(
 
     from .. import config as configs
     from ..draws import read_draws
-    from ..parameters import Parameter, Parameters
+    from ..parameters import Parameter, Parameters, ready
     from ..questions import pressure_for, solve
 
     read = one_scene(config, scene)
@@ -46,7 +46,8 @@ def run_predict(
     if not np.all(np.isfinite(values)):
         raise ConfigError(f"--posterior: a draw in {str(posterior)!r} is not a finite number.")
     name = next(iter(read.scenes))
-    known = Parameters({name: read.scene.prepared()}, [Parameter(one.number.name) for one in found])
+    varied = [Parameter(one.number.name) for one in found]
+    known = Parameters(ready({name: read.scene}, varied), varied)
     at_pressure = "pressure" in asked
 
     def one(x):

@@ -23,6 +23,7 @@ from collections import Counter
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import jax
@@ -257,6 +258,7 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     for wanted in (folder, None if "://" in address_of(place) else Path(address_of(place))):
         if wanted is not None:
             check_folder(wanted)
+    inputs = {} if folder is None else _inputs(config)
     with counted(console, "designs", study.designs.count) as count, _spread_over(where) as spread:
         run_in(
             place,
@@ -269,7 +271,9 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     with opened(place) as data:
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            keep_inputs(folder, config, ["study.csv"])
+            for name, content in inputs.items():
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                write_whole(folder / name, content)
             if study.designs.count > 1:
                 draw(data, folder / "study.png")
             if where.csv:
@@ -284,6 +288,20 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     console.print(f"In Python: softgrip_jax.load_study({place!r})", soft_wrap=True)
     found = {} if folder is None else {"folder": str(folder)}
     return found | {"store": address_of(place), "quantities": told}, reasons
+
+
+def _inputs(config: Path) -> dict[Path, bytes]:
+    """What `keep_inputs` leaves of a config, by its name in the folder of the run: read before the work begins, which
+    a file that cannot be read would else end before anything of it is told."""
+    with TemporaryDirectory() as place:
+        try:
+            keep_inputs(Path(place), config, ["study.csv"])
+        except OSError as error:
+            raise ConfigError(
+                f"{config}: it names {error.filename}, which cannot be read: {(error.strerror or str(error)).lower()}; "
+                "the folder of a study keeps every file that its config names, those of other sections, too."
+            ) from None
+        return {path.relative_to(place): path.read_bytes() for path in Path(place).rglob("*") if path.is_file()}
 
 
 def _spread_over(where: Where) -> Any:

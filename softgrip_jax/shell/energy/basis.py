@@ -80,6 +80,28 @@ def _degrees(n: int, even: bool, symmetric: bool) -> list[int]:
     return [2 * k + (2 if even else 3) for k in range(n)] if symmetric else [k + 2 for k in range(2 * n)]
 
 
+def lattice(grid: Grid, apart: int) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
+    """(xi, eta) of a lattice over what is looked at, `apart` times as fine as the contact points; and of u, v, w the
+    values and slopes of the polynomials along both axes there, shape (polynomials, 3, points)."""
+    sides = []
+    for axis, count in enumerate((grid.across, grid.along)):
+        half = (np.arange(apart * CONTACT_POINTS * count) + 0.5) / (apart * CONTACT_POINTS * count)
+        sides.append(half if _is_even(grid, axis) else np.concatenate([-half[::-1], half]))
+    tables = []
+    for number, even in _kinds(grid):
+        x, y = (
+            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at) for axis, at in enumerate(sides)
+        )
+        tables.append((x, y))
+    return sides, tables
+
+
+def _kinds(grid: Grid) -> tuple[tuple[tuple[int, int], tuple[bool, bool]], ...]:
+    """Of u, v, w: how many polynomials of each parity along both axes, and which parity symmetry leaves."""
+    few, many = counts(grid), (grid.across, grid.along)
+    return (few, (False, True)), (few, (True, False)), (many, (True, True))
+
+
 def counts(grid: Grid) -> tuple[int, int]:
     """Polynomials of u and v of each parity, across and along."""
     return math.ceil(IN_PLANE[0] * grid.across), math.ceil(IN_PLANE[1] * grid.along)
@@ -88,9 +110,8 @@ def counts(grid: Grid) -> tuple[int, int]:
 def at_points(grid: Grid, points: Any, orders: Sequence[tuple[int, int]] = ORDERS[:3]) -> Values:
     """The tables' `values` at any points (xi, eta). u is odd across, v odd along, w even in both."""
     xi, eta = np.asarray(points, dtype=float).T
-    few, many = counts(grid), (grid.across, grid.along)
     found = []
-    for number, even in ((few, (False, True)), (few, (True, False)), (many, (True, True))):
+    for number, even in _kinds(grid):
         x, y = (
             polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at)
             for axis, at in enumerate((xi, eta))

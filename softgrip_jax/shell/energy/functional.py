@@ -22,7 +22,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .basis import Grid, Tables, Values, at_points, bending_tables, clamp_tables, contact_tables, quadrature
+from .basis import (
+    ORDERS,
+    Grid,
+    Tables,
+    Values,
+    at_points,
+    bending_tables,
+    clamp_tables,
+    contact_tables,
+    lattice,
+    quadrature,
+)
 from .sheet import bending, bending_measures, chained_bending, clamping, local, stretching
 
 Scalar = Float[Array, ""]
@@ -34,6 +45,10 @@ LEAST_PRESSURE = 1e-3
 """This is added to p a / (mu t_m) in rho, which must not vanish with the pressure."""
 RHO = 1000.0
 """rho over p a / (mu t_m). Twice of it changes forces by less than 0.5 %."""
+BETWEEN = 3
+"""Points from one contact point to the next at which it is looked for what lies between them."""
+COLUMN_STEPS, LEAST_STEP = 24, 0.1
+"""Steps along a column under the membrane, and the shortest of them in t_m."""
 
 
 class Term(NamedTuple):
@@ -201,6 +216,37 @@ class Functional:
     def touches(self, y: Vector, scene: Any) -> Bool[Array, ""]:
         """Whether the contact presses anywhere."""
         return jnp.asarray(False) if scene.body is None else jnp.any(self.gaps(y, scene) < 0)
+
+    def passed(self, y: Vector, scene: Any) -> Scalar:
+        """How deep the object is in a column under a face that has it wholly behind itself, in a; 0 where it is not.
+
+        The columns stand on the plane of the clamp, on a lattice finer than the contact points, and go up to the outer
+        face. They are walked along by the distance itself, so that no thick part of the object is missed.
+        """
+        shell, (xi, eta), tables = scene.shell, *lattice(self.grid, BETWEEN)
+        points = np.stack(np.meshgrid(xi, eta, indexing="ij"), axis=-1).reshape(-1, 2)
+        e = []
+        for (x, along), part in zip(tables, self.parts(y), strict=True):
+            of = part.reshape(len(x), len(along))
+            e.append(jnp.stack([(x[:, i].T @ of @ along[:, j]).reshape(-1) for i, j in ORDERS[:3]], axis=1))
+
+        def at(e, point):
+            face = local(e, point, shell.a / shell.b).face(shell.t_m / shell.a)
+
+            def distance(height):
+                return scene.body.distance(shell.a * face.at[2].set(height)) / shell.a
+
+            def walk(_, state):
+                height, least = state
+                found = distance(height)
+                step = jnp.maximum(jnp.abs(found), LEAST_STEP * shell.t_m / shell.a)
+                return jnp.minimum(height + step, face[2]), jnp.minimum(least, found)
+
+            ground = jnp.minimum(jnp.zeros_like(face[2]), face[2])
+            _, least = jax.lax.fori_loop(0, COLUMN_STEPS, walk, (ground, jnp.full_like(ground, jnp.inf)))
+            return jnp.where(distance(face[2]) >= 0, -least, 0.0)
+
+        return jnp.maximum(0.0, jnp.max(jax.vmap(at)(jnp.stack(e, axis=1), points)))
 
     # --- equilibrium --------------------------------------------------------------------------------------------------
 

@@ -10,14 +10,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ...errors import JoinedRuleError
-from ...fields import choice, part
+from ...fields import choice, count, part
 from ...numerics.choice import smallest
 from ...numerics.implicit import implicit
 from ...numerics.minimise import Expansion
-from ...results import stop_gradient_where_failed
+from ...reasons import Reason
+from ...results import Status, stop_gradient_where_failed
 from ...scene import Scene, frozen
 from ...solvers.minimum_energy import MinimumEnergy
 from ..flat_shell import FlatShell, Scalar
@@ -29,7 +31,14 @@ from .symmetry import MIRRORS, SYMMETRIC, broken_symmetry, known_break, symmetry
 
 FACE = 17
 """Points along each side of the membrane at which its distance at rest from the object is asked; what is convex and
-comes nearest at an edge or a corner, as tilted planes and rods do, is met exactly at one of them, or nearly so."""
+comes nearest at an edge or a corner, as tilted planes do, is met exactly at one of them."""
+
+
+PASSED = 0.25
+"""An object that is wholly behind the outer face somewhere, and there this deep (in t_m) at least, has been passed.
+Grazed walls of objects are not: what is pressed on is 0.2 t_m inside the face at most, and not behind it."""
+ZOOMS = 6
+"""Times that the place at rest nearest to the object is looked for, each time within a quarter of the range."""
 
 
 class EnergyScene(Scene):
@@ -45,8 +54,8 @@ class EnergyScene(Scene):
     obstacle: Obstacle | None = part(Obstacle)
     symmetry: str = choice("auto", "none", "across", "along", "both", default="auto")
     bending: bool = eqx.field(static=True, default=True)
-    across: int = eqx.field(static=True, default=4)
-    lengthwise: int = eqx.field(static=True, default=6)
+    across: int = count(default=4)
+    lengthwise: int = count(default=6)
 
     def __check_init__(self) -> None:
         broken = known_break(self)
@@ -108,12 +117,24 @@ class EnergyScene(Scene):
 
     def margins_at_rest(self):
         """membrane_clear_at_rest: the least distance of the object from the outer face of the flat membrane and its
-        clamped edges, at FACE x FACE points."""
+        clamped edges: at FACE x FACE points, then around the nearest of them, more and more closely."""
         if self.body is None:
             return {}
-        x, y = (part.reshape(-1) for part in np.meshgrid(*[np.linspace(-1, 1, FACE)] * 2))
-        places = jnp.stack([self.shell.a * x, self.shell.b * y, jnp.zeros_like(self.shell.a * x)], axis=-1)
-        return {"membrane_clear_at_rest": smallest(jax.vmap(self.body.distance)(places))}
+        grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, FACE)] * 2), axis=-1).reshape(-1, 2)
+
+        def distances(scene: EnergyScene, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
+            assert scene.body is not None
+            sides = jnp.stack([scene.shell.a, scene.shell.b])
+            return jax.vmap(lambda point: scene.body.distance(jnp.append(point * sides, 0.0)))(points)
+
+        def closer(k, middle):
+            points = jnp.clip(middle[None] + grid * 0.25**k, -1.0, 1.0)
+            return points[jnp.argmin(distances(fixed, points))]
+
+        fixed = frozen(self)
+        nearest = lax.fori_loop(0, ZOOMS, closer, jnp.zeros_like(fixed.shell.a, shape=(2,)))
+        # The place does not move to first order: the distance is least there.
+        return {"membrane_clear_at_rest": distances(self, nearest[None])[0]}
 
     def margins_of_state(self, unknowns, pressure):
         """membrane_above_clamp: half the wall more than the least height of the middle surface over the plane of its
@@ -141,6 +162,19 @@ class EnergyScene(Scene):
             (scene, pressure),
         )
         return jnp.where(flat, 0.0, found)
+
+    def verified(self, found):
+        """Not converged, too, where the membrane has a part of the object behind itself: contact points missed it."""
+        found = super().verified(found)
+        if self.body is None:
+            return found
+        fixed, answered = frozen(self), (found.status == Status.OK) | (found.status == Status.NO_CONTACT)
+        passed = fixed.functional.passed(lax.stop_gradient(found.unknowns), fixed) * fixed.shell.a
+        lost = answered & (passed > PASSED * fixed.shell.t_m)
+        return found._replace(
+            status=jnp.where(lost, Status.NOT_CONVERGED, found.status),
+            reason=jnp.where(lost, int(Reason.OBJECT_NOT_RESOLVED), found.reason),
+        )
 
     def observe(self, unknowns, pressure):
         return self.measured(unknowns, self.contact_pressures(unknowns, pressure), pressure)
