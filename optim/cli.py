@@ -26,7 +26,7 @@ def design(
 ) -> None:
     """Search for a better design by gradient, from many starts at once.
 
-    Exit code 1 where no design that keeps every constraint is found. --workers and --scheduler need
+    Exit code 1 where no design that keeps every constraint is found, or none that is robust. --workers and --scheduler need
     pip install softgrip_jax[cluster]; the answer is the same without them.
 
     - softgrip design configs/shell_grasp.toml
@@ -39,7 +39,7 @@ def design(
         folder = run_design(config, out, console_for(as_json), spread)
     tell_folder(as_json, folder)
     found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    if not found.get("best", {"feasible": True})["feasible"]:
+    if not found.get("best", {"feasible": True})["feasible"] or "no_robust_design" in found:
         raise typer.Exit(NO_ANSWER)
 
 

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import typer
 from rich.console import Console
 
 import softgrip_jax as sg
@@ -47,9 +46,6 @@ from .islands import evaluator_on
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
 
-NO_ANSWER = 1
-"""The exit code of a question without an answer, as `softgrip_jax.cli` has it: a room of searches knows no command."""
-
 SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
 
@@ -59,7 +55,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     designs in place of this process.
 
     Stopped by Ctrl-C it keeps and prints what was found until then, and raises KeyboardInterrupt again. Where no robust
-    design is found it keeps and prints the nominal ones, and raises typer.Exit with the code NO_ANSWER.
+    design is found it keeps and prints the nominal ones.
     """
     read = configs.load(config)
     given = configs.standalone(config)
@@ -106,8 +102,6 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     console.print(summary("run", final, command), soft_wrap=True)
     if result.stopped or writing.asked:
         raise KeyboardInterrupt
-    if missed:
-        raise typer.Exit(NO_ANSWER)
     return final
 
 
@@ -200,6 +194,8 @@ def _write(
     summed = _summary(problem, wanted, result)
     if robust:
         summed["robust"] = robust_report.record(problem, result, robust)
+    if missed:
+        summed["no_robust_design"] = missed
     (folder / "result.json").write_text(json.dumps(summed, indent=2), encoding="utf-8")
 
 
