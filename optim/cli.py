@@ -26,7 +26,7 @@ def design(
 ) -> None:
     """Search for a better design by gradient, from many starts at once.
 
-    Exit code 1 where no design that keeps every constraint is found, or none that is robust. --workers and --scheduler need
+    Exit code 1 where no design keeps every constraint, or none is robust. --workers and --scheduler need
     pip install softgrip_jax[cluster]; the answer is the same without them.
 
     - softgrip design configs/shell_grasp.toml
