@@ -17,7 +17,7 @@ FINGERS, SEED = 1000, 4
 FIELDS = (
     "fingers",
     "with_equilibrium",
-    "rungs",
+    "models",
     "estimates",
     "bounds",
     "share",
@@ -36,6 +36,6 @@ def measure(quick: bool) -> Iterator[dict[str, Any]]:
     truth, status = tested.forces(stacked([dataclasses.replace(scene, points=32) for scene, *_ in cases]), cases)
     truth = np.where(status == 0, truth, np.nan)
     kept = tested.few if quick else lambda _: True
-    bounded, total, missed, needless, rungs = tested.compared(cases, kept, truth)
-    found = (len(cases), int(np.sum(status == 0)), rungs, total, bounded, bounded / total, len(missed), len(needless))
+    bounded, total, missed, needless, models = tested.compared(cases, kept, truth)
+    found = (len(cases), int(np.sum(status == 0)), models, total, bounded, bounded / total, len(missed), len(needless))
     yield dict(zip(FIELDS, found, strict=True))

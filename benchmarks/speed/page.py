@@ -280,7 +280,7 @@ def _start(tables: Tables, told: dict[str, Any]) -> list[str]:
 def _fidelity(tables: Tables, told: dict[str, Any]) -> list[str]:
     row = tables["fidelity"][0]
     return [
-        f"{row['fingers']:,.0f} random fingers, {row['with_equilibrium']:,.0f} with an equilibrium, {row['rungs']:g}"
+        f"{row['fingers']:,.0f} random fingers, {row['with_equilibrium']:,.0f} with an equilibrium, {row['models']:g}"
         " models:"
         f" the estimate bounds the error in {row['bounds']:,.0f} of {row['estimates']:,.0f} cases"
         f" ({100 * row['share']:.2f} %). In {row['over_tolerance']:g} choices the error is over the tolerance that was"

@@ -85,7 +85,7 @@ class Modelled(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class SpecimenPressures:
     """Where one model is asked: by each specimen that has points of it, at its own pressures."""
 
     model: str
@@ -460,11 +460,11 @@ def _key(curve: Curve) -> str:
     return curve.quantity if curve.component is None else f"{curve.quantity}.{curve.component}"
 
 
-def _asked(fit: Fit, part_of: np.ndarray) -> tuple[list[Asked], list[Any]]:
+def _asked(fit: Fit, part_of: np.ndarray) -> tuple[list[SpecimenPressures], list[Any]]:
     """Where the models are asked, and (row, place) there of every point of every curve; (None, None) of a curve that
     is predicted only."""
     fitting = fit.fitting
-    asked: dict[str, Asked] = {}
+    asked: dict[str, SpecimenPressures] = {}
     models = np.array([c.model for c in fitting.curves])[fitting.of_curve]
     fitted = np.array([c.fit for c in fitting.curves])[fitting.of_curve]
     for model in dict.fromkeys(models[fitted]):
@@ -473,7 +473,7 @@ def _asked(fit: Fit, part_of: np.ndarray) -> tuple[list[Asked], list[Any]]:
         rows = [np.unique(fitting.x[own & (part_of == p)]) for p in parts]
         size = max(map(len, rows))
         padded = np.array([np.append(row, np.full(size - len(row), row[-1])) for row in rows])
-        asked[str(model)] = Asked(str(model), parts, padded)
+        asked[str(model)] = SpecimenPressures(str(model), parts, padded)
     places: list[Any] = []
     for k, curve in enumerate(fitting.curves):
         if not curve.fit:
@@ -508,18 +508,18 @@ def _named(observables: dict[str, Array], curves: tuple[Curve, ...], model: str)
     return found
 
 
-def _one(density: Density, asked: Asked, x: Array, at: Array) -> tuple[dict[str, Array], Array, Array]:
+def _one(density: Density, asked: SpecimenPressures, x: Array, at: Array) -> tuple[dict[str, Array], Array, Array]:
     model = density.fitting.space.scenes_at(x)[asked.model]
     observables, ok, missing, _ = _answers(model, at)
     named = _named(observables, density.fitting.curves, asked.model)
     return {name: jnp.where(ok, v, 0.0) for name, v in named.items()}, missing, ok
 
 
-def _plain(density: Density, asked: Asked, rows: Array) -> Any:
+def _plain(density: Density, asked: SpecimenPressures, rows: Array) -> Any:
     return jax.vmap(lambda x, at: _one(density, asked, x, at))(rows, jnp.asarray(asked.xs))
 
 
-def _with_slopes(density: Density, asked: Asked, rows: Array) -> Any:
+def _with_slopes(density: Density, asked: SpecimenPressures, rows: Array) -> Any:
     """Values and derivatives by one program: all parameters in one forward pass, as in the fit."""
 
     def one(x, at):

@@ -61,7 +61,7 @@ another target, compiles nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class SearchRequest:
     """A search that is asked for: the state of the boxes when run was pressed."""
 
     scene: Scene
@@ -126,7 +126,7 @@ class Batch:
         problem: the same as a problem.
     """
 
-    def __init__(self, asked: Asked, problem: Problem):
+    def __init__(self, asked: SearchRequest, problem: Problem):
         self.asked, self.problem = asked, problem
         count, size = asked.starts, problem.space.size
         self.t = np.full((count, size), np.nan)
@@ -226,7 +226,7 @@ class SearchTab:
 
     def __init__(self, page: Page):
         self.page, self.session = page, page.session
-        self.asked: Asked | None = None
+        self.asked: SearchRequest | None = None
         self.problem: Problem | None = None
         self.found: SearchResult | None = None
         self.first: Frame | None = None
@@ -316,7 +316,7 @@ class SearchTab:
         if self.found is not None and self.asked is not None:
             self.page.open_scene(scene_at(self.found.problem, self.found.best.x), self.asked.pressure)
 
-    def ask(self) -> Asked:
+    def ask(self) -> SearchRequest:
         """What the boxes say; InputError for what cannot be meant."""
         session, observable = self.session, self.observable.value
         kind = self._kind(observable)
@@ -325,7 +325,7 @@ class SearchTab:
         at = next(iter(session.task.items()), REQUIRED) if pressure is None else pressure
         if observable == "pressure" and pressure is not None:
             raise InputError("The pressure is that of its slider; tick the box below the menus to search for it.")
-        return Asked(
+        return SearchRequest(
             session.current(),
             tuple(self.ticks.keys),
             self.goal.value,
@@ -363,7 +363,7 @@ class SearchTab:
 
     # --- in the thread of the search ----------------------------------------------------------------------------------
 
-    def _search(self, asked: Asked, problem: Problem, tell: Tell) -> None:
+    def _search(self, asked: SearchRequest, problem: Problem, tell: Tell) -> None:
         show, draw, say = (
             Newest(self.page, self._show_frame),
             Newest(self.page, self.shape.show),
@@ -413,7 +413,7 @@ class SearchTab:
         self.stop_button.disabled = True
         self.line.say(sentence, is_wrong)
 
-    def _show_end(self, asked: Asked, found: SearchResult, frame: Frame, sections: Any, seconds: float) -> None:
+    def _show_end(self, asked: SearchRequest, found: SearchResult, frame: Frame, sections: Any, seconds: float) -> None:
         self.found, self.frame = found, frame
         best, problem = found.best, found.problem
         self._end(said_of(found, asked, seconds), not best.feasible)
@@ -493,7 +493,7 @@ def scene_at(problem: Problem, x: np.ndarray) -> Scene:
     return problem.space.scenes_at(jnp.asarray(x))[SCENE]
 
 
-def said_of(found: SearchResult, asked: Asked, seconds: float) -> str:
+def said_of(found: SearchResult, asked: SearchRequest, seconds: float) -> str:
     """What came out of a search, in sentences."""
     best, problem = found.best, found.problem
     goal = problem.quantities.index(problem.goals[0].quantity)

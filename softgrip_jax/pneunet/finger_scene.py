@@ -22,7 +22,7 @@ from ..errors import CellRangeWarning, InputError
 from ..fields import choice, choice_or, is_concrete, to_float_array
 from ..load_path import LATER, GentlePath, LoadPath
 from ..numerics.choice import larger, smallest
-from ..numerics.collocation import Points, gauss_points
+from ..numerics.quadrature import Points, gauss_points
 from ..numerics.xla import materialised
 from ..reasons import Reason
 from ..results import Solution, Status

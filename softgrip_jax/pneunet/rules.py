@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.choice import larger, largest, smaller, smallest
-from ..numerics.collocation import Points, between, integrals
+from ..numerics.quadrature import Points, between, integrals
 from .beam.collocation import AtPoints, Line, Part
 from .finger import PneuNet
 

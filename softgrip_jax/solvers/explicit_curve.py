@@ -17,7 +17,7 @@ from ..results import Status, stop_gradient_where_failed
 from ..scene import FALLEN, WITHOUT_LIMIT, BranchSolver, Found, frozen
 
 Scalar = Float[Array, ""]
-CurveScene = Any
+AnyCurveScene = Any
 """A `Scene` with `CurveEquations`."""
 
 
@@ -197,7 +197,7 @@ class ExplicitCurve(BranchSolver):
         return jax.vmap(at)(angles)
 
 
-def climb_of(scene: CurveScene) -> Climb:
+def climb_of(scene: AnyCurveScene) -> Climb:
     """Look at the load curve once; every question starts from this."""
     start, end = scene.interval()
     scan = scan_curve(scene.load, start, end, "dips" if scene.may_dip() else "single")
@@ -211,7 +211,7 @@ def climb_of(scene: CurveScene) -> Climb:
     return Climb(scan, end, possible, touches, peak, limit, drops)
 
 
-def approached(scene: CurveScene, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
+def approached(scene: AnyCurveScene, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
     """(touches, free_peak, free_limit) of `Climb`."""
     approach = scene.approach()
     if approach is None:
@@ -228,7 +228,7 @@ def approached(scene: CurveScene, start: Scalar) -> tuple[Bool[Array, ""], Scala
     return materialised(touches.astype(peak.dtype)) > 0, peak, limit
 
 
-def stop_of(scene: CurveScene, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
+def stop_of(scene: AnyCurveScene, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
     """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
 
     Where it is not `wanted` a place before the maximum does, which costs nothing.
@@ -240,13 +240,13 @@ def stop_of(scene: CurveScene, climb: Climb, wanted: Bool[Array, ""] | bool = Tr
     return jnp.where(climb.drops, scan.x[0], stop)
 
 
-def _why(scene: CurveScene, climb: Climb) -> Int[Array, ""]:
+def _why(scene: AnyCurveScene, climb: Climb) -> Int[Array, ""]:
     """The reason where the branch ends."""
     own = jnp.where(climb.scan.falls | climb.drops, Reason.LIMIT_POINT, scene.end_reason())
     return jnp.where(climb.touches, own, Reason.LIMIT_BEFORE_CONTACT)
 
 
-def _branch_end(scene: CurveScene, climb: Climb, stop: Scalar) -> Scalar:
+def _branch_end(scene: AnyCurveScene, climb: Climb, stop: Scalar) -> Scalar:
     """The angle where a drawn branch ends, see `sg.branch`; values only. stop: where the pressure is the limit."""
     scan, first = climb.scan, climb.scan.x[0]
     latest = jnp.minimum(first + (1 - BEFORE_END) * (climb.end - first), scene.largest_angle())
@@ -270,6 +270,6 @@ def _branch_end(scene: CurveScene, climb: Climb, stop: Scalar) -> Scalar:
     return jnp.where(scan.falls, before(is_over, stop), end)
 
 
-def _at_peak(scene: CurveScene, angle: Scalar) -> Scalar:
+def _at_peak(scene: AnyCurveScene, angle: Scalar) -> Scalar:
     """The angle of a maximum of the load, with its derivatives."""
     return implicit(lambda angle, scene: slope_of(scene.load)(angle), angle, scene)

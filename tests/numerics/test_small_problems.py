@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from softgrip_jax.numerics.collocation import between, gauss_points, integrals, remaining
+from softgrip_jax.numerics.quadrature import between, gauss_points, integrals, remaining
 from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 

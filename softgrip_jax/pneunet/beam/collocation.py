@@ -24,8 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics.collocation import Points, between, integrals, remaining
-from ...numerics.shooting import adaptive
+from ...numerics.ivp import adaptive
+from ...numerics.quadrature import Points, between, integrals, remaining
 from ...numerics.small_linear import solve
 from ...numerics.xla import cos_and_sin, differentiated_once
 from ..section.base import SectionLaw

@@ -69,7 +69,7 @@ class Shooting(BeamMethod):
     The unknowns are the tip force and the clamp's curvature, which stands for its moment. What diffrax integrates is
     (theta, L theta', lambda, x, y): with the section's own rates (`SectionLaw.rates`) nothing is solved for on the way.
     Derivatives are of any order, forward and in reverse: the accepted steps are gone through once more as plain
-    arithmetic (`numerics.shooting.replay`), and the implicit rule is applied to that.
+    arithmetic (`numerics.ivp.replay`), and the implicit rule is applied to that.
 
     A finger under a tension P multiplies what rounding leaves at the clamp by e^sqrt(P L^2 / EI) on the way to the tip;
     several segments each have that of their own length only. More are taken where loads that are known numbers ask for

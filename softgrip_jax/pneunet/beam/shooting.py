@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...numerics.collocation import Points
-from ...numerics.shooting import Replay, Tolerance, end_of, replay, steps_of
+from ...numerics.ivp import Replay, Tolerance, end_of, replay, steps_of
+from ...numerics.quadrature import Points
 from .collocation import Cover, Part, forces
 from .method import Shooting
 

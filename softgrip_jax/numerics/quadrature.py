@@ -4,7 +4,7 @@ A function that is as smooth as a bent beam's curvature is known to the last bit
 geometrically with their number, and what is integrated to the end gains the square of that (de Boor and Swartz 1973).
 All values are unknowns at once, so nothing grows along the line as it does in shooting.
 
-Libraries that were looked at: diffrax solves initial-value problems alone (`shooting.py` uses it), and so boundary
+Libraries that were looked at: diffrax solves initial-value problems alone (`ivp.py` uses it), and so boundary
 values by shooting only. SciPy's solve_bvp refines its mesh in NumPy, of fourth order: it cannot be compiled or
 differentiated, and is what the tests compare with.
 """

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softgrip_jax.numerics.shooting import Tolerance, adaptive, end_of, replay, steps_of
+from softgrip_jax.numerics.ivp import Tolerance, adaptive, end_of, replay, steps_of
 
 
 def growth(s, y, rate):
