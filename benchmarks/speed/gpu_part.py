@@ -122,7 +122,7 @@ def _fingers(quick: bool) -> list[Job]:
     """Held fingers by the laws that a user has: the default, the exact one at 8 points, the cell's."""
     from .finger_part import FINE_POINTS, with_choices
 
-    usual = replace(cases.tip_contact().scene, section="thesis")
+    usual: Any = replace(cases.tip_contact().scene, section="thesis")
     usual = replace(usual, points=type(usual).__dataclass_fields__["points"].default)
     laws = {
         f"thesis, {usual.points} points": (usual, cases.tip_contact().pressure),

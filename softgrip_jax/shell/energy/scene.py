@@ -123,9 +123,9 @@ class EnergyScene(Scene):
         grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, FACE)] * 2), axis=-1).reshape(-1, 2)
 
         def distances(scene: EnergyScene, points: Float[Array, "n 2"]) -> Float[Array, " n"]:
-            assert scene.body is not None
-            sides = jnp.stack([scene.shell.a, scene.shell.b])
-            return jax.vmap(lambda point: scene.body.distance(jnp.append(point * sides, 0.0)))(points)
+            body, sides = scene.body, jnp.stack([scene.shell.a, scene.shell.b])
+            assert body is not None
+            return jax.vmap(lambda point: body.distance(jnp.append(point * sides, 0.0)))(points)
 
         def closer(k, middle):
             points = jnp.clip(middle[None] + grid * 0.25**k, -1.0, 1.0)
