@@ -342,7 +342,14 @@ def test_no_state_has_a_mesh_error_by_accident():
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def test_the_command_writes_a_folder_that_fidelity_reads(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def quick_mesh(monkeypatch):
+    """A plate of few elements, where what is done with the numbers is the subject."""
+    monkeypatch.setattr("softgrip_jax.verify.shell.ACROSS", 3)
+    monkeypatch.setattr("softgrip_jax.verify.shell.ALONG", 3)
+
+
+def test_the_command_writes_a_folder_that_fidelity_reads(quick_mesh, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("softgrip_jax.commands.verify.SHARES", (1.0,))
     (tmp_path / "free.toml").write_text(FREE, encoding="utf-8")
@@ -359,7 +366,7 @@ def test_the_command_writes_a_folder_that_fidelity_reads(tmp_path, monkeypatch, 
     assert "seen exists already" in capsys.readouterr().err
 
 
-def test_ctrl_c_keeps_what_is_there(tmp_path, monkeypatch, capsys):
+def test_ctrl_c_keeps_what_is_there(quick_mesh, tmp_path, monkeypatch, capsys):
     from softgrip_jax.commands import verify
 
     monkeypatch.chdir(tmp_path)
@@ -387,7 +394,7 @@ def test_ctrl_c_keeps_what_is_there(tmp_path, monkeypatch, capsys):
         ("pressure_kPa = 4000", "no equilibrium"),
     ],
 )
-def test_pressures_that_cannot_be_verified_are_one_sentence(change, words, tmp_path, monkeypatch, capsys):
+def test_pressures_that_cannot_be_verified_are_one_sentence(quick_mesh, change, words, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("softgrip_jax.verify.rows.model_values", lambda models, targets: {})
     monkeypatch.setattr("softgrip_jax.verify.equilibrium.LEAST_STEP", 0.01)
