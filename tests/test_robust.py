@@ -147,15 +147,25 @@ class Bursting(Toy):
         b = self.space.scenes_at(self.space.from_unit(t))["toy"].shell.b
         lost = (20 * mm - b) / mm
         return found._replace(
-            values=jnp.where(lost > 0, jnp.nan, found.values),
+            values=jnp.where(lost > 0, jnp.nan, found.values[: len(self.quantities)]),
             shortfall=jnp.maximum(lost, 0.0),
             statuses=jnp.where(lost > 0, int(Status.BEYOND_LIMIT), found.statuses),
         )
 
 
-def test_parts_without_equilibrium_are_looked_for_where_the_objective_is_best():
+class Unbound(Bursting):
+    """The same without a constraint, which asks for the parts of low b."""
+
+    def __init__(self, space, bent=0.0):
+        goal = Goal("minimise", Quantity(next(iter(sg.shell.Grasp.OBSERVABLES)), "required", "toy"), scale=1 * mm)
+        Problem.__init__(self, space, [goal], ignore_rules=[])
+        self.bent = bent
+
+
+@pytest.mark.parametrize("of", [Bursting, Unbound])
+def test_parts_without_equilibrium_are_looked_for_where_the_objective_is_best(of):
     """The shortfall has no slope at a design that has its equilibrium; nobody asked for the corner that has none."""
-    sure, _ = toy(Wanted("worst", 0.5, None), of=Bursting)
+    sure, _ = toy(Wanted("worst", 0.5, None), of=of)
     ts = np.array([[0.5, (20.9 - 18) / 12], [0.5, (20.5 - 18) / 12]])  # b = 20.9 and 20.5 mm, which scatters by 0.8 mm
     values, _, deviations = sure.worst(ts)
     assert values[0, -1] == 0
