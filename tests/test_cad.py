@@ -46,7 +46,7 @@ def a_finger(**changed):
 
 @pytest.fixture(scope="module")
 def shell():
-    return cad.shell_export(a_shell(), TABLE, 5.0, True)
+    return cad.shell_export(a_shell(), TABLE, True)
 
 
 @pytest.fixture(scope="module")
@@ -92,13 +92,13 @@ def test_the_air_of_a_finger_is_one_space(finger):
 
 def test_checks_see_what_is_wrong(shell):
     """A thinner membrane is not what the mould leaves, nor as large or as thick as the config says."""
-    thin = cad.shell_export(a_shell(t_m=1.0995), TABLE, 5.0, False)
+    thin = cad.shell_export(a_shell(t_m=1.0995), TABLE, False)
     wrong = named(thin, "membrane").solid
     said = [check.what for check in check_mould(shell.moulds[0], wrong) if not check.good]
     assert "what the closed mould leaves, beside the part" in said
     said = [check.what for check in cad.check_thicknesses(shell, {"membrane": wrong}) if not check.good]
     assert said == []  # 1e-6 m is what is allowed
-    wrong = named(cad.shell_export(a_shell(t_m=1.09), TABLE, 5.0, False), "membrane").solid
+    wrong = named(cad.shell_export(a_shell(t_m=1.09), TABLE, False), "membrane").solid
     said = [check.what for check in cad.check_thicknesses(shell, {"membrane": wrong}) if not check.good]
     assert "membrane, in the middle" in said
 
@@ -159,7 +159,7 @@ def test_fingers_that_cannot_be_made(changed, table, says):
     [
         (a_shell(t_m=0.3), {}, "t_m_mm is 0.3 mm; it must be at least 0.5 mm"),
         (a_shell(), {"rim_mm": 2.5}, "rim_mm is 2.5 mm; it must be at least 3 mm"),
-        (a_shell(), {"ring_mm": 6}, "the plane is 5 mm in front of the membrane"),
+        (a_shell(), {"ring_mm": 6}, "the ring would be 1 mm inside the object"),
         (a_shell(a=1.5), {}, "the air has no way in"),
         (a_shell(b=120), {}, "larger than the printer's bed"),
     ],

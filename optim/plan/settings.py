@@ -29,7 +29,6 @@ from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Table, Varied, quantity, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.quantities import Quantity, kind_of
-from softgrip_jax.units import DISPLAY, SI
 
 from ..calibration.data import UNITS, Curve
 from ..calibration.model import Fitting
@@ -254,14 +253,11 @@ def _factor(table: MeasurementTable, kind: str, place: str) -> float:
 
 
 def _units(kind: str, place: str) -> dict[str, float]:
-    """The units of a kind in SI: those of data, or, for kinds that no data have, the displayed one and that of SI."""
-    if kind not in DISPLAY:
-        raise ConfigError(
-            f"{place} is of the kind {kind!r}, which has no unit; it must be one of {', '.join(DISPLAY)}."
-        )
-    label, value = DISPLAY[kind]
-    # The component of a position is a length.
-    return UNITS.get("length" if kind == "position" else kind, {label: value, SI[kind]: 1.0})
+    """The units of a kind in SI."""
+    kind = "length" if kind == "position" else kind  # a component of a position
+    if kind not in UNITS:
+        raise ConfigError(f"{place} is of the kind {kind!r}, which has no unit; it must be one of {', '.join(UNITS)}.")
+    return UNITS[kind]
 
 
 def _quantity(config: configs.Config, table: DecisionTable, space: Space, where: str) -> Decision:

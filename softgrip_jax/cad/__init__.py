@@ -13,7 +13,6 @@ from ..pneunet import Gripper
 from ..pneunet.finger import PneuNet
 from ..scene import Scene
 from ..shell import FlatShell
-from ..units import mm
 from . import solids as solids
 from .checks import Check as Check
 from .checks import check_mesh as check_mesh
@@ -57,8 +56,7 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -
     if actuator is None:
         raise InputError(f"A {type(scene).__name__} has neither a shell nor a finger to be made.")
     if isinstance(actuator, FlatShell):
-        distance = getattr(scene, "distance", None)
-        export = shell_export(actuator, table, None if distance is None else float(distance) / mm, with_moulds)
+        export = shell_export(actuator, table, with_moulds)
         # The arcs know their object by its numbers, their twin by energy by its distance.
         twin = scene.energy_scene() if hasattr(scene, "energy_scene") else scene.prepared()  # pyright: ignore
         check_ring(getattr(twin, "body", None), actuator, table)

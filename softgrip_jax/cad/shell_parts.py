@@ -24,11 +24,11 @@ RING_POINTS = 81
 """Along each side of the ring, at which its distance from the object is asked."""
 
 
-def shell_export(shell: FlatShell, table: ManufactureTable, distance_mm: Number | None, with_moulds: bool) -> Export:
-    """The parts of a shell and their mould; `distance_mm` is that of a plane in front of the membrane."""
+def shell_export(shell: FlatShell, table: ManufactureTable, with_moulds: bool) -> Export:
+    """The parts of a shell and their mould."""
     a, b, t = (float(value) / mm for value in (shell.a, shell.b, shell.t_m))
     rim, bead, wall, gap = table.rim_mm, table.bead_mm, table.least_wall_mm, table.clearance_mm
-    check(shell, table, t, a, distance_mm)
+    check(table, t, a)
     outer = a + rim, b + rim
     body = half_sizes(shell, table)
     inner = outer[0] - bead, outer[1] - bead
@@ -106,7 +106,7 @@ def check_ring(body: Obstacle | None, shell: FlatShell, table: ManufactureTable)
         )
 
 
-def check(shell: FlatShell, table: ManufactureTable, t: Number, a: Number, distance_mm: Number | None) -> None:
+def check(table: ManufactureTable, t: Number, a: Number) -> None:
     """The rules of a shell; an InputError in one sentence."""
     check_common(table)
     at_least("t_m_mm", t, table.least_silicone_mm, "liquid silicone does not fill a thinner sheet (least_silicone_mm)")
@@ -121,9 +121,4 @@ def check(shell: FlatShell, table: ManufactureTable, t: Number, a: Number, dista
         raise InputError(
             f"port_mm is {table.port_mm:.4g} mm, wider than the membrane ({2 * a:.4g} mm): the air has no way in; "
             "lower port_mm or raise a_mm."
-        )
-    if distance_mm is not None and table.ring_mm >= distance_mm:
-        raise InputError(
-            f"ring_mm is {table.ring_mm:.4g} mm, but the plane is {distance_mm:.4g} mm in front of the membrane: the "
-            "ring would touch it first; lower ring_mm or raise distance_mm."
         )

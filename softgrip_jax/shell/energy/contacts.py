@@ -1,8 +1,8 @@
 """The energy membrane on the thesis's objects: what their arc scenes are solved as with `model="energy"`.
 
 Half axes of a contact are those of the ellipse on which an even pressure has the same second moments; on a parallel
-plane those of the oval, a rectangle between two half circles, as the arcs have it. They are sums over the contact
-points, smooth where single points take turns in pressing.
+plane half sides are those of the rectangle, which is nearer to where the membrane leaves the plane. They are sums over
+the contact points, smooth where single points take turns in pressing.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from jaxtyping import Array, Float
 from ..flat_shell import Scalar
 from ..obstacles import Cylinder, Plane
 from .basis import Vector
-from .resting import CONTACT, contact_observables, half_axes_of_oval, half_axis, resting_on
+from .resting import CONTACT, HALF_SIDE, contact_observables, half_axis, resting_on
 from .scene import EnergyFree, EnergyScene
 
 
 class EnergyFlat(EnergyScene):
     """A plane parallel to the membrane: what `FlatContact(shell, distance, model="energy")` is solved as.
 
-    contact_half_width, contact_half_length: how far the oval contact reaches from the middle along x and y, m.
+    contact_half_width, contact_half_length: half sides of the contact along x and y, m.
     """
 
     OBSERVABLES: ClassVar = (
@@ -33,7 +33,7 @@ class EnergyFlat(EnergyScene):
 
     def measured(self, y, contact_pressures, pressure):
         resting = resting_on(self, y, contact_pressures)
-        width, length = half_axes_of_oval(*(half_axis(resting, resting.places[:, k], True) for k in (0, 1)))
+        width, length = (HALF_SIDE * half_axis(resting, resting.places[:, k], True) for k in (0, 1))
         sides = {"contact_half_width": width, "contact_half_length": length}
         return contact_observables(self, y, contact_pressures, pressure) | sides
 

@@ -27,8 +27,8 @@ CONTACT = {
     "contact_area": "area",
 }
 """What is observed of any contact, beside the shape of the membrane."""
-OVAL_STEPS = 7
-"""Of Newton, for the root of a cubic in double precision."""
+HALF_SIDE = np.sqrt(3) / 2
+"""Of a rectangle, over the half axis of the ellipse that has the same second moment."""
 
 
 class Resting(NamedTuple):
@@ -82,27 +82,3 @@ def half_axis(resting: Resting, at: Float[Array, " k"], centred: bool) -> Array:
     apart = at if centred else at - resting.shares @ at
     square = resting.shares @ apart**2
     return jnp.where(square > 0, 2 * jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-
-
-def half_axes_of_oval(width: Scalar, length: Scalar) -> tuple[Array, Array]:
-    """Half axes of the oval whose second moments are those of an ellipse of these half axes.
-
-    An oval is a rectangle, 2 c by 2 r c, between two half circles of radius c: its half axes are c and c (1 + r).
-    The ratio of its two moments is a cubic in r with one positive root.
-    """
-    longer, shorter = jnp.maximum(width, length), jnp.minimum(width, length)
-    touches = shorter > 0
-    ratio = jnp.where(touches, longer, 1.0) / jnp.where(touches, shorter, 1.0)
-    square = ratio**2
-
-    def slimmer(r: Array) -> Array:
-        value = ((4 * r / 3 + jnp.pi) * r + 4 * (2 - square) / 3) * r + jnp.pi * (1 - square) / 4
-        return r - value / ((4 * r + 2 * jnp.pi) * r + 4 * (2 - square) / 3)
-
-    r = ratio  # above the root, where the cubic is convex: Newton comes down to it
-    for _ in range(OVAL_STEPS):
-        r = slimmer(r)
-    across = jnp.sqrt((4 * r / 3 + jnp.pi / 4) / (4 * r + jnp.pi))  # square root of the mean of squares, c = 1
-    short = 0.5 * shorter / across
-    long = short * (1 + r)
-    return jnp.where(width > length, long, short), jnp.where(width > length, short, long)

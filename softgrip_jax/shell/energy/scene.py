@@ -36,7 +36,7 @@ comes nearest at an edge or a corner, as tilted planes do, is met exactly at one
 
 PASSED = 0.25
 """An object that is wholly behind the outer face somewhere, and there this deep (in t_m) at least, has been passed.
-Grazed walls of objects are not: what is pressed on is 0.2 t_m inside the face at most, and not behind it."""
+What presses is inside the face, by up to 0.6 t_m at the edges of a box, and not behind it."""
 ZOOMS = 6
 """Times that the place at rest nearest to the object is looked for, each time within a quarter of the range."""
 
