@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from helpers import ROD, shell
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
@@ -545,7 +546,8 @@ def test_neighbouring_chambers_of_a_drawn_finger_press_on_each_other(bent):
     assert 0.2 < np.min(gaps[:-1]) < 1.8
     (ax,) = plots.draw(bent).axes
     check_no_word_is_cut(ax.figure)
-    drawn = [p.get_xy()[:-1] for p in ax.patches if isinstance(p, Polygon) and p.get_fill()]
+    filled = [c for c in ax.collections if isinstance(c, PolyCollection) and len(c.get_facecolor())]
+    drawn = [path.vertices[:-1] for collection in filled for path in collection.get_paths()]
     for chamber in chambers:
         assert any(len(p) == len(chamber.outline()) and np.allclose(p, chamber.outline()) for p in drawn)
 

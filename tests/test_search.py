@@ -96,6 +96,23 @@ def test_any_transformation_of_optax_will_do():
     assert found.best.objective == pytest.approx(-44, abs=1e-5)
 
 
+def test_the_memory_finds_the_nearest_and_forgets_the_oldest(monkeypatch):
+    monkeypatch.setattr(searching, "REMEMBERED", 32)
+    rng, memory = np.random.default_rng(4), searching.Memory(3)
+    seen = rng.random((50, 3))
+    for start in range(0, 50, 7):  # 7 does not divide 32: what is written goes round
+        rows = seen[start : start + 7]
+        memory.remember(rows, {"name": np.arange(start, start + len(rows))}, np.ones(len(rows), bool))
+    asked = rng.random((20, 3))
+    nearest, squared = memory.nearest(asked)
+    distances = np.sum((asked[:, None] - seen[-32:]) ** 2, axis=2)
+    np.testing.assert_array_equal(memory.places["name"][nearest], 18 + np.argmin(distances, axis=1))
+    np.testing.assert_allclose(squared, distances.min(axis=1), rtol=1e-12)
+    # Steps that grow without bound come to no number: that design begins anywhere, the others where they did.
+    beyond, _ = memory.nearest(np.concatenate([asked[:1], np.full((1, 3), np.nan)]))
+    assert beyond[0] == nearest[0] and 0 <= beyond[1] < 32
+
+
 def test_a_finger_is_solved_from_the_nearest_one():
     """By the same numbers as along the whole way, with derivatives that differences confirm."""
     finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())

@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
+from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
@@ -125,11 +126,9 @@ class Memory:
 
     def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which design is nearest to each row of unit values, and the square of its distance."""
-        at = self.at
-        # The squares less that of the row itself, in one product.
-        squares = np.c_[t, np.ones(len(t))] @ np.c_[-2 * at, np.sum(at**2, axis=1)].T
-        nearest = np.argmin(squares, axis=1)
-        return nearest, np.sum((t - at[nearest]) ** 2, axis=1)
+        # Steps that grow without bound lead nowhere: such a design begins anywhere, and finds nothing.
+        distance, nearest = cKDTree(self.at).query(np.nan_to_num(t))
+        return nearest, distance**2
 
     def remember(self, t: np.ndarray, places: Any, good: np.ndarray) -> None:
         """Keep the good ones, in the places of the oldest."""
