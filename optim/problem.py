@@ -42,7 +42,7 @@ from .nearby import (
     snaps,
     state_at,
 )
-from .rules import SCALE, ignoring, label, require_rules, rules_of, with_rules_on, without_rules
+from .rules import SCALE, ignoring, is_held, label, require_rules, rules_of, with_rules_on, without_rules
 from .space import Space
 
 ENDLESS = 100.0
@@ -296,7 +296,8 @@ class Problem:
         """The margins that every design keeps at zero or more. Fingers are traced to tell them: once, when needed."""
         found = rules_of(without_rules(self.space.scenes), self.asked.states)
         own = {name: scene.ignored_rules for name, scene in self.space.scenes.items()}
-        return [rule for rule in found if rule.rule not in (*own[rule.scene], *self.ignored_rules)]
+        asked = [rule for rule in found if rule.rule not in (*own[rule.scene], *self.ignored_rules)]
+        return [rule for rule in asked if is_held(self.space.scenes[str(rule.scene)], rule)]
 
     @cached_property
     def measured(self) -> QuantitySet:

@@ -2,7 +2,8 @@
 
 Within a search the scenes are solved with all their rules ignored, so that values and derivatives exist on both sides
 of a rule, and every margin becomes a constraint, margin >= 0. A design is reported as the scenes see it with their
-rules on: one that breaks a rule is IMPOSSIBLE.
+rules on: one that breaks a rule is IMPOSSIBLE, but for the range that a law is known for (`reasons.FIRST_RANGE`), which
+the search alone keeps.
 """
 
 from __future__ import annotations
@@ -62,15 +63,22 @@ def rules_of(scenes: dict[str, Scene], states: Iterable[tuple[str, State]]) -> l
     return rules
 
 
+def is_held(scene: Scene, rule: Quantity) -> bool:
+    """Whether a search keeps a rule that begins with this scene. One that begins outside of what a law is known for is
+    not held there: its report says what is outside."""
+    return Reason[str(rule.rule).upper()].forbids or float(scene.margins_at_rest()[str(rule.rule)]) >= -BROKEN
+
+
 def with_rules_on(
     found: Observed, states: Sequence[tuple[str, State]], rules: Sequence[Quantity], margins: Float[Array, " r"]
 ) -> Observed:
     """`found` as scenes report it whose rules are on: a state that breaks one is IMPOSSIBLE, for the worst of them."""
     statuses, reasons, details = list(found.statuses), list(found.reasons), list(found.details)
+    forbidding = [it for it in zip(rules, margins, strict=True) if Reason[str(it[0].rule).upper()].forbids]
     for k, state in enumerate(states):
         unfit = (statuses[k] == Status.IMPOSSIBLE) & (reasons[k] == Reason.PARTS_DO_NOT_FIT)
         is_open, worst = (statuses[k] == Status.OK) | unfit, -BROKEN
-        for rule, margin in zip(rules, margins, strict=True):
+        for rule, margin in forbidding:
             if rule.state not in (state, (state[0], AT_REST)):
                 continue
             broken = is_open & (margin < worst)

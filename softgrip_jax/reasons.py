@@ -15,6 +15,8 @@ from .units import DISPLAY
 
 FIRST_RULE = 100
 """Reasons from here on are rules."""
+FIRST_RANGE = 200
+"""Rules from here on say how far a law is known. Searches keep them; a state beyond has its answer, with a warning."""
 
 BROKEN = 1e-6
 """A rule counts as broken when its margin is below minus this (m): a thousandth of what a mould can hold, and far above
@@ -75,10 +77,17 @@ class Reason(enum.IntEnum):
     TIP_IN_REACH = 120
     COVER_BEARS_PULL = 121
 
+    CELL_LAW_RANGE = 200
+
     @property
     def rule(self) -> str | None:
         """The name of the margin that the reason belongs to; None where it is no rule."""
         return self.name.lower() if self >= FIRST_RULE else None
+
+    @property
+    def forbids(self) -> bool:
+        """Whether nothing that breaks the rule can exist."""
+        return FIRST_RULE <= self < FIRST_RANGE
 
     def text(self, detail: float = np.nan) -> str:
         """One sentence for people; `detail` (SI) is the number that belongs to it, NaN where there is none."""
@@ -176,7 +185,7 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     Reason.CELL_LAW_ENDS: (
         "pressure",
         "nothing is known: the cell law of the finger ends at {}",
-        "nothing is known: the pressure is beyond the end of the finger's cell law",
+        "nothing is known: the state is beyond the end of the finger's cell law",
     ),
     Reason.NO_EQUILIBRIUM: ("", "", "no equilibrium: the load is beyond the limit point or the end of the model"),
     Reason.RESIDUAL_TOO_LARGE: (
@@ -250,6 +259,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "length",
         "the pull at the tip stretches the cover to more than twice its length, {} longer than that",
         "the pull at the tip stretches the cover to more than twice its length",
+    ),
+    Reason.CELL_LAW_RANGE: (
+        "length",
+        "a dimension is {} outside of what the cell law was fitted to",
+        "a dimension is outside of what the cell law was fitted to",
     ),
     Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
     Reason.FINGERS_APART_AT_REST: (

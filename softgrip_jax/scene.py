@@ -214,7 +214,7 @@ class Scene(Checked):
         """True where every field keeps its rule, the equations have a meaning and the parts at rest keep theirs."""
         possible = admissible(self) & self.is_possible()
         for name, margin in self.margins_at_rest().items():
-            if name not in self.ignored_rules:
+            if name not in self.ignored_rules and Reason[name.upper()].forbids:
                 possible &= margin >= -BROKEN
         return possible
 
@@ -273,7 +273,7 @@ class Scene(Checked):
         status, worst = found.status, jnp.asarray(-BROKEN, pressure.dtype)
         open_to_rules = solved | (unfit & (reason != Reason.FIELD_RULE))
         for name, margin in margins.items():
-            if name in self.ignored_rules:
+            if name in self.ignored_rules or not Reason[name.upper()].forbids:
                 continue
             value = lax.stop_gradient(margin)
             broken = open_to_rules & (value < worst)

@@ -471,11 +471,54 @@ def test_beyond_its_data_the_law_says_so():
     large = dataclasses.replace(finger("A"), a=9 * mm)
     with pytest.warns(CellRangeWarning, match="a = 9 mm"):
         sg.solve(sg.pneunet.TipContact(large, drive="cell"), 5 * kPa)
+    with pytest.warns(CellRangeWarning, match="a = 9 mm"):
+        beyond = sg.solve(sg.pneunet.Cell(large), 5 * kPa)
+    assert beyond.status == sg.Status.OK
+    assert float(beyond.margins["cell_law_range"]) == pytest.approx(-1.8 * mm)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         sg.solve(held(), 5 * kPa)
     with pytest.raises(InputError, match="combination"):
         sg.pneunet.Free(finger("A"), drive="cell", combination="larger")
+
+
+@pytest.mark.parametrize(
+    "cell", [{"curvature": -150.0}, {"curvature": 400.0}, {"axial_force": 20.0}, {"axial_force": -20.0}]
+)
+def test_a_cell_bent_or_stretched_as_none_was_is_not_known(cell):
+    """There the law's polynomials have the cover shrink to nothing, or to less."""
+    found = sg.solve(sg.pneunet.Cell(finger("A"), **cell), 31 * kPa)
+    assert found.status == sg.Status.BEYOND_LIMIT
+    assert "cell law" in found.reason_text()
+    assert np.isnan(found.moment)
+
+
+def test_the_range_of_the_law_is_the_nearest_of_its_ends():
+    from softgrip_jax.pneunet.cell.law import range_margin
+
+    sizes = {"a": 5.0, "b": 8.0, "t_m": 1.2, "h_x": 0.75, "h_L": 4.3, "H": 5.0}
+    ranges = {
+        "a": (4.2, 7.2),
+        "b": (6.7, 9.2),
+        "t_m": (0.85, 1.55),
+        "h_x": (0.55, 0.95),
+        "h_L": (3.8, 4.9),
+        "H": (3.8, 6.2),
+    }
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        now = {name: value * rng.uniform(0.9, 1.1) for name, value in sizes.items()}
+        width = rng.uniform(15, 30)
+        made = sg.PneuNet(
+            **{k: v * mm * width / 20 for k, v in now.items()},
+            B=width * mm,
+            L=80 * mm,
+            material=sg.NeoHookean(mu=100 * kPa),
+        )
+        nearest = min(min(value - ranges[k][0], ranges[k][1] - value) for k, value in now.items())
+        assert float(range_margin(made)) == pytest.approx(nearest * mm * width / 20, abs=1e-12)
+    lists = dataclasses.replace(finger("A"), t_m=np.array([1.1, 0.75, 1.1]) * mm)
+    assert float(range_margin(lists)) == pytest.approx(-0.1 * mm)
 
 
 # ------------------------------------------------------------------------------------------------ the reference solid

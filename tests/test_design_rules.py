@@ -18,6 +18,7 @@ import softgrip_jax as sg
 from optim.design import settings
 from optim.design.descent import Evaluator, search
 from optim.design.pareto import pareto
+from optim.drives import beyond_law
 from optim.laws import differing_laws
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.records import agreed, design_row, in_si
@@ -25,6 +26,7 @@ from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.config.keys import quantity
+from softgrip_jax.errors import CellRangeWarning
 from softgrip_jax.quantities import kind_of
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status
@@ -170,6 +172,30 @@ def test_a_start_that_breaks_a_rule_says_so():
     assert row["rules"] == "rule walls_fit -0.5 mm"
     assert row["status"] == "IMPOSSIBLE"
     assert found.best.x[0] == pytest.approx(2 * mm, abs=1e-9)
+
+
+def test_a_search_stays_where_the_cell_law_is_known():
+    """The thinner the walls the harder the cell pushes, by a polynomial that nothing holds below 0.85 mm."""
+    walls = Variable("finger.t_m", 0.5 * mm, 1.5 * mm)
+    hardest = Goal("minimise", Quantity("moment", PRESSURE))
+
+    def pushed(finger, **changes):
+        return problem(hardest, [walls], scene=sg.pneunet.Cell(finger), **changes)
+
+    found = search(pushed(FINGER), starts=4, steps=30, finishes=1)
+    assert found.best.feasible
+    np.testing.assert_allclose(found.best.x, [0.85 * mm], rtol=1e-6)
+    assert "cell_law_range" in agreed(found.problem)["rules_kept"]
+    free = search(pushed(FINGER, ignore_rules=["cell_law_range"]), starts=4, steps=30, finishes=1)
+    assert free.best.objective < found.best.objective
+    (said,) = beyond_law(free.problem, free.best.x)
+    assert "t_m" in said
+    # One that begins outside is not held there, for it may have nothing that lies inside; its report says so.
+    with pytest.warns(CellRangeWarning, match="h_L"):
+        outside = pushed(dataclasses.replace(FINGER, h_L=5.2 * mm))
+    assert "cell_law_range" not in {rule.rule for rule in outside.rules}
+    (said,) = beyond_law(outside, [1.1 * mm])
+    assert "h_L = 5.2 mm" in said
 
 
 def test_a_front_keeps_the_rules():

@@ -33,7 +33,7 @@ from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 
 from .. import rules
-from ..drives import by_other_drive
+from ..drives import beyond_law, by_other_drive
 from ..problem import Goal, Problem
 from ..records import agreed, as_given, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
 from ..robust import report as robust_report
@@ -246,7 +246,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "best": in_si(problem, result.best),
         "start": in_si(problem, result.reference),
         "distinct_designs": len(result.designs),
-        "remarks": list(result.remarks),
+        "remarks": [*result.remarks, *beyond_law(problem, result.best.x)],
         "stopped": result.stopped,
         "search": wanted.arguments,
         "solves": result.solves,
@@ -344,7 +344,8 @@ def report(result: SearchResult, console: Console) -> None:
             console.print(f"{name} by the other drive, {words}.", soft_wrap=True, markup=False)
         if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
-    for sentence in [*said(problem), *(beside.remarks if beside else [])]:
+    told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
+    for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
         console.print(_without_answer(result), style="bold", soft_wrap=True)

@@ -133,10 +133,14 @@ def as_data(solution: Solution) -> dict[str, Any]:
 
 def nearest_rule(solution: Solution) -> tuple[str, str] | None:
     """(rule, margin) of the one that is nearest to being broken, or broken by most where that is ignored."""
-    from ..reasons import BROKEN
+    from ..reasons import BROKEN, Reason
     from ..results import in_units
 
-    known = {name: float(margin) for name, margin in solution.margins.items() if float(margin) == float(margin)}
+    known = {
+        name: float(margin)
+        for name, margin in solution.margins.items()
+        if float(margin) == float(margin) and Reason[name.upper()].forbids
+    }
     if not known:
         return None
     name = min(known, key=lambda name: known[name])

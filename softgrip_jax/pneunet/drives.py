@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 from .beam.method import POINTS, Shooting
-from .cell.law import outside
+from .cell.law import range_remarks
 from .finger_scene import FingerScene
 
 OTHER = {"thesis": "cell", "cell": "thesis", "small_strain": "cell"}
@@ -42,6 +42,4 @@ def with_other_drive(scene: Any) -> FingerScene | None:
 
 def remarks(scene: FingerScene) -> list[str]:
     """What people must know who see both: what they are, and the dimensions to which the cell law was not fitted."""
-    beyond = outside(scene.finger)
-    sentence = SMALL_STRAIN if scene.drive == "small_strain" else SENTENCE
-    return [sentence, *([f"The cell law was not fitted to such a finger: {'; '.join(beyond)}."] if beyond else [])]
+    return [SMALL_STRAIN if scene.drive == "small_strain" else SENTENCE, *range_remarks(scene.finger)]

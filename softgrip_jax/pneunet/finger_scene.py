@@ -8,7 +8,6 @@ direction are reported as positive numbers.
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import jax
@@ -18,7 +17,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Float
 
 from ..equations import PathEquations
-from ..errors import CellRangeWarning, InputError
+from ..errors import InputError
 from ..fields import choice, choice_or, is_concrete, to_float_array
 from ..load_path import LATER, GentlePath, LoadPath
 from ..numerics.choice import larger, smallest
@@ -31,7 +30,7 @@ from ..solvers.arc_length import ArcLength
 from .beam.collocation import Cover, Line, Loads, Part, at_place, bend, corrected, pushed_over_stiffness, states_of
 from .beam.method import POINTS, BeamMethod, Collocation, Shooting
 from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
-from .cell.law import LARGEST_PRESSURE, cell_section, outside
+from .cell.law import LARGEST_PRESSURE, cell_section, range_margin, warn_outside
 from .finger import SEGMENT_FIELDS, PneuNet
 from .rules import chambers_apart, margins_of_parts
 from .section.base import SectionLaw
@@ -256,7 +255,8 @@ class FingerScene(PathEquations, Scene):
 
     def prepared(self):
         """With more points, or more segments, where loads that are known numbers bend the beam in thin layers."""
-        self._warn_outside()
+        if self.is_cell():
+            warn_outside(self.finger, stacklevel=4)
         if not is_concrete(*jax.tree.leaves(self)):
             return self
         with jax.ensure_compile_time_eval():  # known numbers stay numbers inside somebody's jit
@@ -282,18 +282,6 @@ class FingerScene(PathEquations, Scene):
     def inclines(self) -> bool:
         """True where what a chamber does depends on the turn of its own part of the beam."""
         return self.inclination != "none" and self.drive not in ("cell", "small_strain")
-
-    def _warn_outside(self) -> None:
-        """One warning where known dimensions are outside of what the cell law was fitted to."""
-        finger = self.finger
-        if self.is_cell() and is_concrete(*(getattr(finger, name) for name in (*SEGMENT_FIELDS, "H", "B"))):
-            beyond = outside(finger)
-            if beyond:
-                warnings.warn(
-                    f"The cell law was not fitted to such a finger: {'; '.join(beyond)}.",
-                    CellRangeWarning,
-                    stacklevel=4,
-                )
 
     def stiffness(self) -> Scalar:
         """EI = mu B H^3 / 3 (plane strain), N m^2."""
@@ -432,7 +420,8 @@ class FingerScene(PathEquations, Scene):
 
     def margins_at_rest(self):
         tip = self.tip()
-        return margins_of_parts(self.finger) | ({} if tip is None else tip.margins_at_rest(self))
+        known = {"cell_law_range": range_margin(self.finger)} if self.is_cell() else {}
+        return margins_of_parts(self.finger) | ({} if tip is None else tip.margins_at_rest(self)) | known
 
     def margins_of_state(self, unknowns, pressure):
         """chambers_apart: see `rules`. Arcs only bend as the chambers push, which moves their tops apart; the cell law

@@ -12,6 +12,7 @@ of neo-Hookean material. Other strain energies enter by their shear modulus at r
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,7 +23,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float
 
-from ...numerics.choice import larger
+from ...errors import CellRangeWarning
+from ...fields import is_concrete
+from ...numerics.choice import larger, largest, smaller, smallest
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
 from ...numerics.xla import differentiated_once, materialised
@@ -144,6 +147,30 @@ MOST_BENT = 1.5
 def cell_section(finger: PneuNet, pressure: Scalar) -> CellSection:
     """The section law of a cell at a pressure (Pa)."""
     return CellSection(cell_of(finger, pressure), finger.H / finger.B)
+
+
+def range_margin(finger: PneuNet) -> Scalar:
+    """How far (m) the dimensions are inside of what the law was fitted to: the least of all."""
+    low, high = (jnp.stack(ends) * finger.B / CHECKED_WIDTH for ends in zip(*CHECKED.values(), strict=True))
+    values = [jnp.atleast_1d(getattr(finger, name)) for name in CHECKED]
+    inside = [
+        smaller(smallest(value) - least, most - largest(value))
+        for value, least, most in zip(values, low, high, strict=True)
+    ]
+    return smallest(jnp.stack(inside))
+
+
+def warn_outside(finger: Any, stacklevel: int) -> None:
+    """One warning where known dimensions are outside of what the law was fitted to."""
+    if is_concrete(*(getattr(finger, name) for name in (*CHECKED, "B"))):
+        for sentence in range_remarks(finger):
+            warnings.warn(sentence, CellRangeWarning, stacklevel=stacklevel + 1)
+
+
+def range_remarks(finger: Any) -> list[str]:
+    """A sentence about a finger of known numbers to which the law was not fitted; none about others."""
+    beyond = outside(finger)
+    return [f"The cell law was not fitted to such a finger: {'; '.join(beyond)}."] if beyond else []
 
 
 def outside(finger: Any) -> list[str]:

@@ -5,17 +5,23 @@ from __future__ import annotations
 from typing import ClassVar
 
 import jax.numpy as jnp
+from jax import lax
 from jaxtyping import Array, Float
 
 from ...curve_scene import CurveScene
 from ...fields import finite, part
 from ...reasons import Reason
+from ...results import Status
 from ..finger import PneuNet
 from ..rules import margins_of_parts
 from ..wall.arc import one_chamber
-from .law import LARGEST_PRESSURE, cell_of
+from .law import LARGEST_PRESSURE, MOST_BENT, cell_of, range_margin, warn_outside
 
 Scalar = Float[Array, ""]
+
+LEAST_STRETCH, MOST_STRETCH = 0.8, 1.4
+"""Of the cover's mid-height. The cells of the data are stretched by 0.999 to 1.19, and bent by -0.05 to 0.11 per mm:
+further out the law is a polynomial that nothing holds."""
 
 
 class Cell(CurveScene):
@@ -43,7 +49,7 @@ class Cell(CurveScene):
 
     Source: own; docs/theory/cell.md. Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
     of finite elements' blocked moment from 5 to 31 kPa; it is worse where rims are about to meet. BEYOND_LIMIT above p
-    = 0.24 mu.
+    = 0.24 mu, where the cover's mid-height is stretched by less than 0.8 or more than 1.4, and beyond |H kappa| = 1.5.
 
     Examples:
         >>> blocked = sg.solve(sg.pneunet.Cell(sg.PneuNet.table_5_1("A")), 15 * kPa)
@@ -64,10 +70,11 @@ class Cell(CurveScene):
     CONTACT: ClassVar[bool] = False
 
     def prepared(self):
+        warn_outside(self.finger, stacklevel=3)
         return one_chamber(self)
 
     def margins_at_rest(self):
-        return margins_of_parts(self.finger)
+        return margins_of_parts(self.finger) | {"cell_law_range": range_margin(self.finger)}
 
     def interval(self):
         zero = jnp.zeros_like(self.finger.L)
@@ -85,6 +92,17 @@ class Cell(CurveScene):
 
     def pressure_scale(self):
         return self.finger.material.shear_modulus()
+
+    def verified(self, found):
+        """Nothing is known, too, of a cell that is bent or stretched as none that the law was fitted to."""
+        found = super().verified(found)
+        bent = jnp.abs(self.finger.H * self.curvature) > MOST_BENT
+        stretch = lax.stop_gradient(self.observe(found.unknowns, found.pressure)["stretch"])
+        unknown = (found.status == Status.OK) & (bent | ~((stretch >= LEAST_STRETCH) & (stretch <= MOST_STRETCH)))
+        return found._replace(
+            status=jnp.where(unknown, Status.BEYOND_LIMIT, found.status),
+            reason=jnp.where(unknown, int(Reason.CELL_LAW_ENDS), found.reason),
+        )
 
     def observe(self, angle, pressure):
         f = self.finger
