@@ -19,9 +19,9 @@ from .law import LARGEST_PRESSURE, MOST_BENT, cell_of, range_margin, warn_outsid
 
 Scalar = Float[Array, ""]
 
-LEAST_STRETCH, MOST_STRETCH = 0.8, 1.4
-"""Of the cover's mid-height. The cells of the data are stretched by 0.999 to 1.19, and bent by -0.05 to 0.11 per mm:
-further out the law is a polynomial that nothing holds."""
+LEAST_STRETCH, MOST_STRETCH = 0.7, 2.0
+"""Of the cover's mid-height. The cells of the data are stretched by 0.999 to 1.19, and bent by -0.05 to 0.11 per mm.
+Where rims are pressed on each other twice as far as they meet the law has 0.8 to 1.8, and further out anything."""
 
 
 class Cell(CurveScene):
@@ -49,7 +49,7 @@ class Cell(CurveScene):
 
     Source: own; docs/theory/cell.md. Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
     of finite elements' blocked moment from 5 to 31 kPa; it is worse where rims are about to meet. BEYOND_LIMIT above p
-    = 0.24 mu, where the cover's mid-height is stretched by less than 0.8 or more than 1.4, and beyond |H kappa| = 1.5.
+    = 0.24 mu, where the cover's mid-height is stretched by less than 0.7 or more than 2, and beyond |H kappa| = 1.5.
 
     Examples:
         >>> blocked = sg.solve(sg.pneunet.Cell(sg.PneuNet.table_5_1("A")), 15 * kPa)
