@@ -201,8 +201,8 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     Reason.OBJECT_NOT_RESOLVED: (
         "",
         "",
-        "a part of the object is behind the membrane: the contact points are too far apart for it, or were led past "
-        "it; the values are withheld: give more polynomials (across, lengthwise), or a larger object",
+        "a part of the object is behind the membrane: the contact points are too far apart for it; the values are "
+        "withheld: give more polynomials (across, lengthwise), or a larger object",
     ),
     Reason.ANOTHER_BRANCH: (
         "",

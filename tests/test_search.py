@@ -110,7 +110,8 @@ def test_the_memory_finds_the_nearest_and_forgets_the_oldest(monkeypatch):
     np.testing.assert_allclose(squared, distances.min(axis=1), rtol=1e-12)
     # Steps that grow without bound come to no number: that design begins anywhere, the others where they did.
     beyond, _ = memory.nearest(np.concatenate([asked[:1], np.full((1, 3), np.nan)]))
-    assert beyond[0] == nearest[0] and 0 <= beyond[1] < 32
+    assert beyond[0] == nearest[0]
+    assert 0 <= beyond[1] < 32
 
 
 def test_a_finger_is_solved_from_the_nearest_one():

@@ -5,6 +5,9 @@ alone makes better use of matrix products than many side by side, and does not w
 fit, by least squares, of the coefficients over the numbers in which members differ. It decides what a member costs and
 not what is found: where the minimum is not close to the guess (BESIDE), the member is followed from the flat membrane
 as if it were alone. Elsewhere members are solved side by side, all as if they were alone.
+
+A step of the load may be longer than the object is thick. Where the membrane has the object behind itself, the load is
+followed again by finer steps.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ Numbers = Float[Array, " m"]
 
 BESIDE = 0.3
 """A minimum that is this close to its guess (coefficients, of order one) is on the same branch."""
+FINER, TRIES = 0.25, 3
+"""The load steps of the next try over those of the last one, and how often it is tried."""
 CLOSE = 0.2
 """Members whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
 FAR = 3.0
@@ -56,7 +61,39 @@ def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
     """The minimum at `load` on the branch that begins at the flat membrane, by load steps of at most `largest`."""
     if one_at_a_time():
         return _finder(largest)(scene, load)
-    return follow(scene, *_flat(scene, load), load, largest)
+    return in_front(scene, *_flat(scene, load), load, largest)
+
+
+def in_front(
+    scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar | float
+) -> Minimum:
+    """As `follow`, by FINER and finer steps where they lead the membrane past the object. Where the finest do, too,
+    that is the answer, and `verified` says so."""
+    return _tried(scene, (start, start_load, guess), (start, start_load, guess), load, jnp.asarray(largest), 1)
+
+
+def _tried(scene: Any, near: Any, flat: Any, load: Scalar, largest: Scalar, first: Any) -> Minimum:
+    """The minimum at `load`: try 0 is from what is `near`, and counts where it ends beside its guess; later ones are
+    from what is `flat`, by finer and finer steps, until one stays in front of the object. One loop does it, so that the
+    energy is compiled once."""
+    last = 1 if scene.body is None else TRIES
+
+    def going(state):
+        return state[1]
+
+    def next_try(state):
+        number, _, before = state
+        start, start_load, guess = select(number == 0, near, flat)
+        met = follow(scene, start, start_load, guess, load, largest * FINER ** jnp.maximum(number - 1, 0))
+        beside = (number > 0) | (met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE))
+        passed = met.reached & scene.has_passed(met.y)
+        # A finer step that leads nowhere says nothing: the object was passed, whatever lies ahead.
+        told = (number <= 1) | (met.reached & ~passed)
+        return number + 1, (~beside | passed | ~told) & (number < last), select(told, met, before)
+
+    shapes = jax.eval_shape(lambda: follow(scene, *flat, load, largest))
+    nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
+    return lax.while_loop(going, next_try, (jnp.asarray(first), jnp.asarray(True), nothing))[2]
 
 
 @functools.cache
@@ -65,7 +102,7 @@ def _finder(largest: float) -> Callable[[Any, Scalar], Minimum]:
 
     @custom_vmap
     def _find(scene: Any, load: Scalar) -> Minimum:
-        return follow(scene, *_flat(scene, load), load, largest)
+        return in_front(scene, *_flat(scene, load), load, largest)
 
     @_find.def_vmap
     def _find_batch(axis_size, is_batched, *members):
@@ -121,19 +158,9 @@ def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]
 def _in_turn(numbers: Float[Array, "n m"], members: Any, largest: float) -> Minimum:
     def next_member(known: _Known, member):
         here, (scene, load) = member
-        guess, flat = _guess(known, here, load), _flat(scene, load)
-
-        # From the guess first, and from the flat membrane where that leads to no minimum beside it: one loop, so that
-        # the energy is compiled once.
-        def tried(state):
-            guessing, _, _ = state
-            start, start_load, first_guess = select(guessing, (guess, load, guess), flat)
-            met = follow(scene, start, start_load, first_guess, load, largest)
-            beside = met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE)
-            return jnp.asarray(False), guessing & ~beside, met
-
-        first = known.last.reached, jnp.asarray(True), known.last
-        met = lax.while_loop(lambda state: state[1], tried, first)[2]
+        guess = _guess(known, here, load)
+        first = jnp.where(known.last.reached, 0, 1)
+        met = _tried(scene, (guess, load, guess), _flat(scene, load), load, jnp.asarray(largest), first)
         sums = known.products + jnp.outer(here, here), known.found + jnp.outer(here, met.y)
         more = _Known(*sums, here, met)
         return select(met.reached, more, known), met

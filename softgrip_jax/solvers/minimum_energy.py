@@ -12,11 +12,12 @@ from jaxtyping import Array, Float
 
 from ..errors import InputError
 from ..numerics.batching import one_at_a_time
+from ..numerics.choice import select
 from ..numerics.minimise import Minimum
 from ..results import Status
 from ..scene import BranchSolver, Found, frozen
 from . import energy_limits, energy_values
-from .energy_follow import follow, minimum_at
+from .energy_follow import in_front, minimum_at
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -63,11 +64,12 @@ class MinimumEnergy(BranchSolver):
     ) -> tuple[Found, Vector, Scalar, Vector]:
         """As `find`, from a known equilibrium and its change per load.
 
-        Also the last equilibrium that was met, its load, and its change per load.
+        Also the last equilibrium that was met in front of the object, its load, and its change per load.
         """
         load = _load(scene, pressure)[1]
-        met = follow(scene, start, start_load, start + (load - start_load) * slope, load, self.largest_step)
-        return _labelled(scene, met, pressure), met.y, met.load, met.slope
+        met = in_front(scene, start, start_load, start + (load - start_load) * slope, load, self.largest_step)
+        known = select(scene.has_passed(met.y), (start, start_load, slope), (met.y, met.load, met.slope))
+        return _labelled(scene, met, pressure), *known
 
     def along(self, scene, pressures):
         """Each from the one before, with a guess along its tangent."""
