@@ -1,5 +1,6 @@
 """The explorer without a browser: what moves, what is answered, what is told, and that nothing queues."""
 
+import argparse
 import asyncio
 import dataclasses
 import re
@@ -14,16 +15,23 @@ import pytest
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
-from softgrip_jax.errors import InputError
+from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.explorer import answers, models
 from softgrip_jax.explorer.controls import numbers_of
 from softgrip_jax.explorer.latest import Latest
-from softgrip_jax.explorer.session import PRESSURE, Session, answer
+from softgrip_jax.explorer.session import PRESSURE, Session, answer, session_of_config
+from softgrip_jax.fidelity import LadderModel
 from softgrip_jax.units import kPa, mm
 
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
 from tornado.web import Application, RequestHandler
 
 from softgrip_jax.explorer.front import Front
+from softgrip_jax.explorer.looks import CurveView
+
+
+def free():
+    return sg.shell.Free(plane().shell)
 
 
 def plane():
@@ -32,8 +40,9 @@ def plane():
 
 
 def answered(session):
-    for stage in answer(session.question()):
-        session.take(stage)
+    question = session.question()
+    for stage in answer(question):
+        session.take(question, stage)
     return session
 
 
@@ -107,7 +116,6 @@ def test_what_the_page_sets_itself_is_no_hand():
     placed was taken for one that was dragged, and the task of the config ended by itself."""
     from bokeh.document import Document
 
-    from softgrip_jax.explorer.looks import CurveView
     from softgrip_jax.explorer.page import Control
 
     number = Session(plane(), 15 * kPa).numbers[PRESSURE]
@@ -204,8 +212,9 @@ def test_every_slider_goes_to_both_ends():
             assert session.move(key, place) == ""
             number = session.numbers[key]
             assert session.values[key] == pytest.approx((number.low, number.high)[int(place)], rel=1e-4)
-            stages = list(answer(session.question()))
-            session.take(stages[0])
+            question = session.question()
+            stages = list(answer(question))
+            session.take(question, stages[0])
             assert session.good is not None
             assert bool(session.message) == (isinstance(stages[0], str) or not stages[0].ok)
         session.type_in(key, number.shown(session.scene_value(key)))
@@ -281,7 +290,7 @@ def test_a_force_that_is_asked_for_finds_its_pressure(tmp_path):
     session.move(PRESSURE, 0.3)
     assert not session.own_task
     assert session.question().pressure == session.values[PRESSURE]
-    session.open(sg.shell.Free(plane().shell))  # it has no force
+    session.open(free())  # it has no force
     assert not session.has_task
 
 
@@ -304,6 +313,160 @@ def test_pins_are_compared(first):
     assert head == ["", "pin 1", "now"]
     assert ["distance_mm", "5", "6"] in rows
     assert not [row for row in rows if row[0] == "shell.a_mm"]
+
+
+def test_what_is_not_ok_cannot_be_pinned():
+    """Neither a broken design, in whose place the last good one was pinned with the numbers of the broken one, nor a
+    scene that has not been answered yet, in whose place the scene before was."""
+    session = answered(Session(free(), 15 * kPa))
+    session.type_in("shell.t_m_mm", "0.5")
+    answered(session)
+    assert session.pin() == f"Nothing is pinned, because this design is not OK: {session.message}"
+    assert session.message.startswith("BEYOND_LIMIT")
+    session.type_in("shell.t_m_mm", "1.1")
+    answered(session)
+    session.open(plane())
+    assert session.pin() == "Nothing is pinned, because the state is still being computed."
+    assert session.pins == []
+    with pytest.raises(InputError, match="no state to draw"):
+        session.picture("png")
+    session.type_in(PRESSURE, "1")
+    answered(session)
+    assert session.pin().startswith("Nothing is pinned, because this design is not OK: NO_CONTACT")
+
+
+def test_a_pin_has_the_numbers_of_its_state():
+    """And not those of the sliders, which have gone on, nor a curve of other numbers."""
+    session = answered(Session(free(), 15 * kPa))
+    assert session.pin() == ""
+    session.type_in("shell.t_m_mm", "1.2")
+    session.type_in(PRESSURE, "14")
+    assert session.pin() == ""
+    question = session.question()
+    session.take(question, next(answer(question)))
+    session.type_in("shell.t_m_mm", "0.5")
+    assert session.pin() == ""
+    pins = session.pins
+    assert [pin.inputs["shell.t_m_mm"] for pin in pins] == ["1.1", "1.1", "1.2"]
+    assert [pin.inputs[PRESSURE] for pin in pins] == ["15", "15", "14"]
+    assert pins[0].rows == pins[1].rows != pins[2].rows
+    assert (pins[0].curve, pins[1].curve, pins[2].curve) == (session.curve, session.curve, None)
+    answered(session)
+    heads, rows = session.differences()
+    assert heads[-1] == "last state"
+    assert next(row for row in rows if row[0] == "shell.t_m_mm")[-1] == "1.2"
+
+
+def test_answers_of_a_scene_that_is_open_no_more_are_dropped():
+    from softgrip_jax.explorer.page import Page
+
+    session = Session(free(), 15 * kPa)
+    old = session.question()
+    stages = [*answer(old), "a sentence"]
+    session.open(plane())
+    shown = []
+    page = object.__new__(Page)
+    page.session, page._grey, page.say = session, shown.append, lambda *words: shown.append(words)
+    page.curve = page.helps = page
+    page.show = page._show_state = page._show_words = lambda *parts: shown.append(parts)
+    for stage in stages:
+        session.take(old, stage)
+        page._show(old, stage)
+    assert len(stages) == 4
+    assert (session.good, session.curve, session.helps, session.message, shown) == (None, None, None, "", [])
+    assert session.table() == ""
+    answered(session)
+    assert session.table().startswith("pressure_kPa,force_N")
+
+
+@pytest.mark.parametrize(
+    ("solve", "words"),
+    [
+        ("presure_kPa = 5", "there is no key presure_kPa; did you mean pressure_kPa"),
+        ("pressure_kPa = -5", "pressure_kPa is -5"),
+        ("pressure_kPa = 'five'", "pressure_kPa is 'five'"),
+        ("", "there is nothing to solve for"),
+    ],
+)
+def test_a_mistake_in_the_question_of_a_config_is_told(tmp_path, solve, words):
+    """Each opened at 15 kPa, as a config without a question does."""
+    file = tmp_path / "scene.toml"
+    file.write_text(configs.dump(free()), encoding="utf-8")
+    assert session_of_config(file).values[PRESSURE] == 15 * kPa
+    file.write_text(f"{configs.dump(free())}\n[solve]\n{solve}\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=words):
+        session_of_config(file)
+
+
+def test_models_are_compared_at_one_pressure():
+    """At that of the click, where a hand moves the slider meanwhile; a model without a state says why."""
+    session = Session(free(), 15 * kPa)
+
+    def tell(stage, done=0, total=0):
+        session.type_in(PRESSURE, "8")
+
+    (_, rows), ladder = models.compared(session.question(), tell)
+    shown = [sg.solve(model.scene, 15 * kPa).inflation / mm for model in ladder]
+    assert [float(row[4].split()[0]) for row in rows] == pytest.approx([float(one) for one in shown], rel=1e-3)
+    assert rows[0][5] == f"{100 * (shown[0] / shown[-1] - 1):+.3g} %"
+    session.type_in(PRESSURE, "60")
+    (_, rows), _ = models.compared(session.question(), lambda *words: None)
+    assert rows[-1][4] == f"BEYOND_LIMIT: {sg.solve(free(), 60 * kPa).reason_text()}"
+    assert len(rows) > 1
+    assert [row[5] for row in rows] == [""] * len(rows)
+
+
+def test_nothing_is_compared_with_a_value_of_zero(monkeypatch):
+    found = iter(argparse.Namespace(status=sg.Status.OK, observables={"inflation": value}) for value in (1.0, 0.0))
+    monkeypatch.setattr(models, "model_ladder", lambda *asked: [LadderModel(free(), (), "", 1.0)] * 2)
+    monkeypatch.setattr(models, "solve", lambda *asked: next(found))
+    (_, rows), _ = models.compared(Session(free(), 15 * kPa).question(), lambda *words: None)
+    assert [row[5] for row in rows] == ["", ""]
+
+
+def test_a_fault_of_work_in_the_background_is_told():
+    """It left the progress on the page for ever."""
+    from softgrip_jax.explorer.page import Page
+
+    page, said = object.__new__(Page), []
+    page.later, page.say = lambda act: act(), lambda *words: said.append(words)
+    page.in_background(lambda tell: 1 / 0).join(10)
+    assert said == [("This is a fault of softgrip_jax: ZeroDivisionError: division by zero", True)]
+
+
+GAP, NONE = (sg.Status.IMPOSSIBLE, sg.Reason.CHAMBERS_APART), (sg.Status.OK, sg.Reason.NONE)
+
+
+@pytest.mark.parametrize(
+    ("states", "end"),
+    [
+        ([NONE, NONE, GAP, NONE, NONE, NONE], "limit 30 kPa"),
+        ([NONE, NONE, NONE, GAP, NONE, NONE], "X from 20 kPa"),
+        ([NONE, NONE, NONE, GAP, GAP, GAP], "X from 20 kPa"),
+        ([NONE, NONE, NONE, NONE, GAP, NONE], "limit 30 kPa"),
+    ],
+)
+def test_a_curve_has_gaps_and_its_limit_where_it_is(monkeypatch, states, end):
+    pressure, value = np.array([5.0, 10, 20, 30, 25, 24]) * kPa, np.arange(6.0)
+    status, reason = np.array(states).T
+    branch = argparse.Namespace(status=status, reason=reason, pressure=pressure, observables={"inflation": value})
+    monkeypatch.setattr(answers, "_beside", lambda *asked: (30 * kPa, branch))
+    curve = answers.curve_of(free(), "inflation")
+    good = status == sg.Status.OK
+    count = int(np.flatnonzero(good)[-1]) + 1
+    np.testing.assert_array_equal(curve.value, np.where(good, value, np.nan)[:count])
+    np.testing.assert_array_equal(curve.pressure, np.where(good, pressure, np.nan)[:count])
+    np.testing.assert_array_equal(curve.stable, (np.arange(6) < 4)[:count])
+    assert curve.end == end.replace("X", sg.Reason.CHAMBERS_APART.name.lower())
+    session = Session(free(), 15 * kPa)
+    session.take(session.question(), curve)
+    assert len(session.table().splitlines()) == 1 + np.count_nonzero(good)
+    view = CurveView(lambda pressure: None)
+    view.show(curve, "length")
+    last = int(np.flatnonzero(good[:4])[-1])
+    assert view.marks.data["text"] == [curve.end, "contact"]
+    assert view.marks.data["x"] == [pressure[last] / kPa, 5]
+    assert view.marks.data["y"] == [value[last] / mm, 0]
 
 
 def test_sessions_do_not_see_each_other():
@@ -349,12 +512,13 @@ def test_only_the_newest_question_is_answered():
 def test_the_slider_of_the_pressure_stays_while_it_fits(first):
     """A little thicker: a little more pressure can be held, and the same range will do. Half as thick: it will not."""
     session = Session(plane(), 15 * kPa)
-    session.take(first.curve)
+    question = session.question()
+    session.take(question, first.curve)
     before = session.numbers[PRESSURE]
     assert before.high == pytest.approx(1.25 * first.curve.limit, rel=5e-3)
-    session.take(dataclasses.replace(first.curve, limit=1.1 * first.curve.limit))
+    session.take(question, dataclasses.replace(first.curve, limit=1.1 * first.curve.limit))
     assert session.numbers[PRESSURE] is before
-    session.take(dataclasses.replace(first.curve, limit=0.5 * first.curve.limit))
+    session.take(question, dataclasses.replace(first.curve, limit=0.5 * first.curve.limit))
     assert session.numbers[PRESSURE].high == pytest.approx(1.25 * 0.5 * first.curve.limit, rel=5e-3)
 
 

@@ -1,14 +1,17 @@
 """The explorer's tabs without a browser: a search that is seen, a calibration from a file, a study that is opened."""
 
+import dataclasses
+import shutil
 import threading
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import optim
 import softgrip_jax as sg
 from softgrip_jax import config as configs
-from softgrip_jax.explorer.session import PRESSURE, Session
+from softgrip_jax.explorer.session import PRESSURE, Session, answer
 from softgrip_jax.units import kPa, mm
 
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
@@ -17,7 +20,7 @@ from optim.tabs.search import MARGIN, NOTHING, SearchTab
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.explorer.looks import FULL, ROOM, Axis
 from softgrip_jax.explorer.page import Page
-from softgrip_jax.explorer.study import StudyTab, binned_mean, open_study, studies_beneath
+from softgrip_jax.explorer.study import Studied, StudyTab, binned_mean, open_study, studies_beneath
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -46,9 +49,9 @@ class StubPage(Page):
         self.threads[-1].start()
         return self.threads[-1]
 
-    def open_scene(self, scene, pressure=None):
-        self.opened.append((scene, pressure))
-        self.session.open(scene)
+    def open_scene(self, scene, at=None):
+        self.opened.append((scene, at))
+        self.session.open(scene, at)
         for act in self.after_opening:
             act()
 
@@ -351,6 +354,103 @@ def test_a_map_has_the_means(root):
     np.testing.assert_array_equal(count, 1)
     np.testing.assert_allclose(mean, study.data["force_at_12_kPa"].values)
     study.data.close()
+
+
+TWO_SCENES = """
+[scenes.free]
+type = "shell.Free"
+[scenes.flat]
+type = "shell.FlatContact"
+distance_mm = 5
+[sweep]
+method = "csv"
+file = "designs.csv"
+observables = [
+    { name = "free.inflation_mm", at = { pressure_kPa = 12 } },
+    { name = "flat.force_N", at = { pressure_kPa = 12 } },
+    { name = "flat.pressure_kPa", at = { force_N = 4 } },
+]
+"""
+SHELL = 'a_mm = 16\nb_mm = 43\nt_m_mm = 1.1\nmaterial = { type = "NeoHookean", mu_kPa = 175 }\n'
+
+
+@pytest.fixture(scope="module")
+def of_csv(tmp_path_factory):
+    """A study of two scenes that share what a CSV varies."""
+    from softgrip_jax.commands.sweep import read
+    from softgrip_jax.report.inputs import keep_inputs
+
+    given, folder = tmp_path_factory.mktemp("given"), tmp_path_factory.mktemp("csv")
+    shells = "".join(f"[scenes.{name}.shell]\n{SHELL}" for name in ("free", "flat"))
+    (given / "config.toml").write_text(TWO_SCENES + shells, encoding="utf-8")
+    (given / "designs.csv").write_text("shell.t_m_mm\n1.0\n1.3\n", encoding="utf-8")
+    study, identity = read(configs.load(given / "config.toml"))
+    sg.study.run_in(folder, study, identity)
+    keep_inputs(folder, given / "config.toml")
+    return folder
+
+
+def test_a_design_of_a_csv_is_opened_in_every_scene(page, of_csv):
+    """Of numbers that scenes share only that of the first scene moved."""
+    tab = StudyTab(page, of_csv)
+    tab._show(open_study(of_csv, of_csv))
+    for name, observable in (("free.inflation", "inflation"), ("flat.force", "force")):
+        [quantity] = [one for one in tab.study.quantities if one.startswith(name)]
+        tab.y.value = quantity
+        for row, wall in enumerate((1.0 * mm, 1.3 * mm)):
+            tab.open_design(row)
+            scene, pressure = page.opened[-1]
+            assert float(scene.shell.t_m) == pytest.approx(wall)
+            found = sg.solve(scene, pressure)
+            assert float(found.observables[observable]) == pytest.approx(tab.study.rows[quantity][row], rel=1e-9)
+
+
+def test_a_csv_outside_of_the_folder_is_not_read(of_csv, tmp_path):
+    root = tmp_path / "here"
+    shutil.copytree(of_csv, root)
+    (root / "designs.csv").rename(tmp_path / "designs.csv")
+    (root / "designs.csv").symlink_to(tmp_path / "designs.csv")
+    with pytest.raises(ConfigError, match="where the explorer was started"):
+        open_study(root, root)
+
+
+def test_a_design_at_a_task_is_opened_at_that_task(of_csv):
+    """The page's scene, which has no force, was asked whether it can be looked for."""
+    page = StubPage(sg.shell.Free(plane().shell))
+    tab = StudyTab(page, of_csv)
+    tab._show(open_study(of_csv, of_csv))
+    [tab.y.value] = [one for one in tab.study.quantities if one.startswith("flat.pressure")]
+    tab.open_design(1)
+    session = page.session
+    assert (session.own_task, session.task) == (True, {"force": 4.0})
+    question = session.question()
+    session.take(question, next(answer(question)))
+    assert session.values[PRESSURE] == pytest.approx(tab.study.rows[tab.y.value][1], rel=1e-9)
+
+
+def test_a_margin_of_undeformed_parts_has_no_task(of_csv, page):
+    """Its state, "rest", was taken for the task of the scene."""
+    page.session = Session(plane(), None, {"force": 4.0})
+    tab = StudyTab(page, of_csv)
+    tab._show(open_study(of_csv, of_csv))
+    rest = sg.Quantity("margins.walls_fit", "rest", "flat")
+    tab.study = dataclasses.replace(tab.study, asked={tab.y.value: rest})
+    tab.open_design(0)
+    assert (page.session.own_task, page.session.task) == (True, {"force": 4.0})
+
+
+def test_a_mean_leaves_out_what_has_no_limit():
+    """inf, and the 1e6 that studies had in its place; 1e6 of anything else is a value."""
+    values = np.array([[2.0, 1e6], [np.inf, np.nan], [3.0, 5.0]])
+    names = ("limit_margin_at_12_kPa", "force_at_12_kPa")
+    data = xr.Dataset(
+        {name: (("x", "y"), values, {"status": ""}) for name in names}, {"x": np.arange(3.0), "y": [0, 1]}
+    )
+    study = Studied(data, ["x", "y"], list(names), {}, {}, None, {})
+    for name, of_large in zip(names, (np.nan, 1e6), strict=True):
+        mean, count = binned_mean(study, "x", "y", name)[2:]
+        np.testing.assert_array_equal(mean, [[2, of_large], [np.nan, np.nan], [3, 5]])
+        np.testing.assert_array_equal(count, np.isfinite(mean))
 
 
 def test_a_damaged_study_is_told(page, tmp_path):

@@ -181,7 +181,7 @@ class State:
 
 @dataclasses.dataclass(frozen=True)
 class CurveData:
-    """An observable over the pressure, from no pressure through the limit: Pa and SI."""
+    """An observable over the pressure, from no pressure through the limit: Pa and SI; NaN where there is no state."""
 
     observable: str
     pressure: np.ndarray
@@ -193,7 +193,8 @@ class CurveData:
     contact: float | None
     """The first pressure, Pa, with a state that touches; None where that is no pressure at all."""
     end: str
-    """What the curve ends with: its limit, or the rule that states behind it break."""
+    """What the curve ends with before its limit: that, or the rule that the next states break."""
+    scene: Scene
 
 
 @dataclasses.dataclass(frozen=True)
@@ -270,16 +271,23 @@ def curve_of(scene: Scene, observable: str) -> CurveData:
     status, pressure = np.asarray(branch.status), np.asarray(branch.pressure)
     value = part_of(branch.observables, name, component)
     shown = (status <= Status.NO_CONTACT) & np.isfinite(value)
-    touching = status == Status.OK
+    touching = shown & (status == Status.OK)
     # A branch begins where something is first touched, or where pressure begins to act.
     contact = float(pressure[touching][0]) if touching.any() and pressure[touching][0] > 0 else None
-    top = int(np.argmax(np.where(shown, pressure, -1.0)))
-    stable = np.arange(len(pressure)) <= top if np.isfinite(limit) else np.ones(len(pressure), bool)
-    end = f"limit {float(limit) / kPa:.4g} kPa" if np.isfinite(limit) else ""
-    if shown.any() and not np.isclose(pressure[top], limit, rtol=1e-3) and top + 1 < len(pressure):
-        reason = Reason(int(np.asarray(branch.reason)[top + 1]))
-        end = f"{reason.name.lower()} from {pressure[top] / kPa:.4g} kPa"
-    return CurveData(observable, pressure[shown], value[shown], stable[shown], float(limit), contact, end)
+    far = np.where(np.isfinite(pressure), np.abs(pressure - limit), np.inf)
+    stable = np.arange(len(pressure)) <= (np.argmin(far) if np.isfinite(limit) else len(pressure))
+    end = ""
+    if (shown & stable).any():
+        last = int(np.flatnonzero(shown & stable)[-1])
+        if np.isclose(pressure[last], limit, rtol=1e-3):
+            end = f"limit {float(limit) / kPa:.4g} kPa"
+        elif last + 1 < len(status) and status[last + 1] > Status.NO_CONTACT:
+            reason = Reason(int(np.asarray(branch.reason)[last + 1]))
+            end = f"{reason.name.lower()} from {pressure[last] / kPa:.4g} kPa"
+    drawn = np.flatnonzero(shown)
+    part = slice(drawn[0], drawn[-1] + 1) if len(drawn) else slice(0)
+    pressure, value = (np.where(shown, column, np.nan)[part] for column in (pressure, value))
+    return CurveData(observable, pressure, value, stable[part], float(limit), contact, end, scene)
 
 
 def helps_of(scene: Scene, state: State, observable: str, keys: list[str], places: list[int]) -> Helps:

@@ -297,14 +297,15 @@ class CurveView:
         unit = DISPLAY[kind][1]
         x, y = curve.pressure / kPa, curve.value / unit
         last = int(np.count_nonzero(curve.stable))
+        before = np.flatnonzero(curve.stable & np.isfinite(y))
         self.stable.data = {"x": x[:last].tolist(), "y": y[:last].tolist()}
         self.unstable.data = {"x": x[max(last - 1, 0) :].tolist(), "y": y[max(last - 1, 0) :].tolist()}
         marks: Columns = {"x": [], "y": [], "text": [], "align": []}
-        if curve.end and last:
-            marks = {"x": [x[last - 1]], "y": [y[last - 1]], "text": [curve.end], "align": ["right"]}
-        if curve.contact is not None and len(x):
+        if curve.end:
+            marks = {"x": [x[before[-1]]], "y": [y[before[-1]]], "text": [curve.end], "align": ["right"]}
+        if curve.contact is not None:
             marks["x"].append(curve.contact / kPa)
-            marks["y"].append(y[0])
+            marks["y"].append(y[curve.pressure == curve.contact][0])
             marks["text"].append("contact")
             marks["align"].append("left")
         self.marks.data = marks

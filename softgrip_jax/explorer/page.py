@@ -312,7 +312,7 @@ class Page:
             )
         ]
         compare = pn.widgets.Button(name="compare the models")
-        compare.on_click(lambda event: self.in_background(self._compare_models))
+        compare.on_click(lambda event: self.in_background(partial(self._compare_models, self.session.question())))
         self.model.param.watch(self._model_chosen, "value")
         tabs = pn.Tabs(
             ("Pins", pn.Column(pn.FlexBox(pin, unpin), self.compared, sizing_mode="stretch_width")),
@@ -434,12 +434,10 @@ class Page:
         self.say("compiling ...")
         self.ask()
 
-    def open_scene(self, scene: Scene, pressure: float | None = None) -> None:
+    def open_scene(self, scene: Scene, at: float | dict[str, float] | None = None) -> None:
         """Show another scene, or the same with other numbers: a model, the best of a search, a design of a study.
-        pressure: Pa; without it, that of now."""
-        self.session.open(scene)
-        if pressure is not None:
-            self.session.type_in(PRESSURE, f"{pressure / kPa:.12g}")
+        at: a pressure (Pa) or a task, as `Session` takes it; without it, what is asked now."""
+        self.session.open(scene, at)
         self._after_opening("")
 
     def _looked(self, event: Any) -> None:
@@ -459,10 +457,10 @@ class Page:
             self.ask()
 
     def _pin(self, wanted: bool) -> None:
-        if wanted:
-            self.session.pin()
-        else:
+        if not wanted:
             self.session.unpin()
+        elif sentence := self.session.pin():
+            self.say(sentence, True)
         self.later(self._show_pins)
 
     def _turned(self, event: Any) -> None:
@@ -477,10 +475,10 @@ class Page:
 
     # --- models -------------------------------------------------------------------------------------------------------
 
-    def _compare_models(self, tell: Tell) -> None:
+    def _compare_models(self, question: Question, tell: Tell) -> None:
         from .models import compared, model_words
 
-        found, ladder = compared(self.session, tell)
+        found, ladder = compared(question, tell)
         options = {"as it is": AS_IS} | {model_words(k, model): k for k, model in enumerate(ladder)}
 
         def shown() -> None:
@@ -544,8 +542,8 @@ class Page:
         def run() -> None:
             try:
                 work(tell)
-            except InputError as error:
-                sentence = str(error)
+            except Exception as error:  # told to the user: a thread has nobody else to tell
+                sentence = str(error) if isinstance(error, InputError) else fault(error)
                 self.later(lambda: self.say(sentence, True))
 
         thread = threading.Thread(target=run, name="softgrip explorer work", daemon=True)
@@ -554,8 +552,6 @@ class Page:
 
     def _deliver(self, question: Question, stage: Any) -> None:
         is_first = self.session.good is None
-        for part in stage.stages if isinstance(stage, Together) else () if isinstance(stage, Words) else (stage,):
-            self.session.take(part)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State | str):
             self.later(self._fill_boxes)
@@ -565,7 +561,7 @@ class Page:
             self.later(partial(self.further.ask, (question, stage)))
 
     def _failed(self, question: Question, error: Exception) -> None:
-        sentence = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
+        sentence = fault(error)
         self.later(lambda: self.say(sentence, True))
 
     # --- what is shown ------------------------------------------------------------------------------------------------
@@ -576,11 +572,17 @@ class Page:
         self.told.object = f'<div class="{classes}" role="status">{escape(sentence) or "&nbsp;"}</div>'
 
     def _show(self, question: Question, stage: Any) -> None:
-        kind = self.session.observables.get(question.observable, ("", None, "number"))[2]
+        """Take a stage of an answer and show it; what is of a scene that is open no more is dropped."""
+        if question.scene is not self.session.scene:
+            return
         if isinstance(stage, Together):
             for part in stage.stages:
                 self._show(question, part)
-        elif isinstance(stage, str):
+            return
+        if not isinstance(stage, Words):
+            self.session.take(question, stage)
+        kind = self.session.observables[question.observable][2]
+        if isinstance(stage, str):
             self._grey(True)
             self.say(stage, True)
         elif isinstance(stage, State):
@@ -626,9 +628,11 @@ class Page:
         if state.ok:
             near = [f"; nearest rule {name}: {margin * 1e3:.4g} mm left" for name, margin in state.margins[:1]]
             self.say(f"{state.pressure / kPa:.5g} kPa{''.join(near)}")
+        if self.tabs.active == 0:
+            self._show_pins()
         shown = state if state.ok else self.session.good
         name, component, _ = self.session.observables[question.observable]
-        if shown is None or name not in shown.solution.observables:  # of another scene
+        if shown is None:
             return
         of_last = "" if state.ok else f" of the last state, at {shown.pressure / kPa:.5g} kPa"
         self.rows.object = table_html(
@@ -641,8 +645,6 @@ class Page:
         if self.session.own_task and state.ok:
             number = self.session.numbers[PRESSURE].holding(state.pressure)
             self.controls[PRESSURE].show(number, state.pressure)
-        if self.tabs.active == 0:
-            self._show_pins()
 
     def _show_space(self) -> None:
         if self.session.good is None:
@@ -682,6 +684,11 @@ def _at_once(act: Callable[[], None]) -> None:
     """Do something with a page, and tell its browser in one message: it then draws once."""
     with pn.io.hold():
         act()
+
+
+def fault(error: Exception) -> str:
+    """What is said of an error that is no mistake of the user's."""
+    return f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
 
 
 def _labels(state: State) -> list[str]:

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..config.modules import type_name
 from ..errors import InputError
-from ..fidelity import LadderModel, model_ladder
 from ..plausible import units_are_stated
 from ..results import in_units
 from ..scene import Scene
@@ -90,18 +89,16 @@ class Session:
     def __init__(self, scene: Scene, pressure: float | None = FIRST_PRESSURE, task: dict[str, float] | None = None):
         self.asked = 0
         self.task = task or {}
-        self.good: State | None = None
-        """The last answer that has a state."""
-        self.curve: CurveData | None = None
-        self.helps: Helps | None = None
-        """These two are of the scene that is open."""
-        self.message = ""
         self.pins: list[Pin] = []
         self._open(scene, pressure)
 
     def _open(self, scene: Scene, pressure: float | None) -> None:
         self.scene = scene
-        self.curve = self.helps = None
+        self.good: State | None = None
+        """The last answer that has a state; of the scene that is open, as the next three are."""
+        self.curve: CurveData | None = None
+        self.helps: Helps | None = None
+        self.message = ""
         first = FIRST_PRESSURE if pressure is None else pressure
         doc = "gauge pressure in the actuator"
         low, high = value_range(first, "nonnegative", "pressure")
@@ -189,9 +186,13 @@ class Session:
         self.open(scene)
         return ""
 
-    def open(self, scene: Scene) -> None:
-        """Another scene, or the same with other numbers, at the same pressure."""
+    def open(self, scene: Scene, at: float | dict[str, float] | None = None) -> None:
+        """Another scene, or the same with other numbers; at: a pressure (Pa) or a task, without it what is now."""
         pressure = None if self.own_task else self.values[PRESSURE]
+        if isinstance(at, dict):
+            self.task, pressure = at, None
+        elif at is not None:
+            pressure = at
         ranges = self.numbers
         self._open(scene, pressure)
         if pressure is None and not self.has_task:
@@ -208,16 +209,22 @@ class Session:
         self.observable = observable
         return ""
 
-    def pin(self) -> None:
+    def pin(self) -> str:
         """Keep the present design for comparison."""
-        if self.good is not None:
-            self.pins.append(self._pinned(f"pin {len(self.pins) + 1}", self.good))
+        if self.message:
+            return f"Nothing is pinned, because this design is not OK: {self.message}"
+        if self.good is None:
+            return "Nothing is pinned, because the state is still being computed."
+        self.pins.append(self._pinned(f"pin {len(self.pins) + 1}", self.good))
+        return ""
 
     def _pinned(self, name: str, state: State) -> Pin:
-        values = self.values | {PRESSURE: state.pressure}
+        """With the numbers of the state: those of the sliders may be others already."""
+        values = {number.key: number.value for number in numbers_of(state.scene)} | {PRESSURE: state.pressure}
+        curve = self.curve if self.curve is not None and self.curve.scene is state.scene else None
         inputs = {"scene": self.title()} | {key: str(choice.value) for key, choice in self.choices.items()}
         inputs |= {key: number.shown(values[key]) for key, number in self.numbers.items()}
-        return Pin(name, inputs, {row.name: row.text for row in state.rows}, self.curve)
+        return Pin(name, inputs, {row.name: row.text for row in state.rows}, curve)
 
     def unpin(self) -> None:
         """Forget all pinned designs."""
@@ -236,8 +243,11 @@ class Session:
         """The scene at the sliders; InputError where its numbers do not go together."""
         return scene_of(self.question())
 
-    def take(self, stage: State | CurveData | Helps | str) -> None:
-        """A stage of an answer; a sentence is a message. A state that is none leaves the last good one."""
+    def take(self, question: Question, stage: State | CurveData | Helps | str) -> None:
+        """A stage of the answer to a question about the scene that is open; a sentence is a message. A state that is
+        none leaves the last good one."""
+        if question.scene is not self.scene:
+            return
         if isinstance(stage, str):
             self.message = stage
         elif isinstance(stage, State):
@@ -260,7 +270,8 @@ class Session:
 
     def differences(self) -> tuple[list[str], list[list[str]]]:
         """(heads, rows): in what the pinned designs and the present one differ, and all observables."""
-        designs = self.pins + ([] if self.good is None else [self._pinned("now", self.good)])
+        name = "last state" if self.message else "now"
+        designs = self.pins + ([] if self.good is None else [self._pinned(name, self.good)])
         table = []
         for key in dict.fromkeys(key for one in designs for key in one.inputs):
             shown = [one.inputs.get(key, "") for one in designs]
@@ -296,7 +307,8 @@ class Session:
             rows.writerow([PRESSURE, unit_key(self.curve.observable, kind), "before_limit"])
             unit = DISPLAY[kind][1]
             for p, value, stable in zip(self.curve.pressure, self.curve.value, self.curve.stable, strict=True):
-                rows.writerow([f"{p / kPa:.10g}", f"{value / unit:.10g}", int(stable)])
+                if np.isfinite(value):
+                    rows.writerow([f"{p / kPa:.10g}", f"{value / unit:.10g}", int(stable)])
         return out.getvalue()
 
     def picture(self, ending: str) -> bytes:
@@ -312,13 +324,6 @@ class Session:
     def title(self) -> str:
         """The type of the scene."""
         return type_name(type(self.scene))
-
-    # --- models -------------------------------------------------------------------------------------------------------
-
-    def ladder(self) -> list[LadderModel]:
-        """The models of the scene, cheapest first."""
-        name = self.observables[self.observable][0]
-        return model_ladder(self.current(), [name])
 
 
 def scene_of(question: Question) -> Scene:
@@ -349,7 +354,7 @@ def first_answer(question: Question) -> Iterator[State | str]:
 def further_answers(asked: tuple[Question, State]) -> Iterator[CurveData | Helps]:
     """What follows a state: the curve, then what would help."""
     question, state = asked
-    scene = scene_of(question)
+    scene = state.scene
     yield curve_of(scene, question.observable)
     if state.ok:
         if question.pressure is None:  # a hand on the slider of the pressure asks for what no task has asked yet
@@ -376,7 +381,10 @@ def session_of_config(path: Path, name: str | None = None) -> Session:
     read = one_scene(path, name)
     try:
         asked = configs.question(read)
-    except InputError:  # it asks nothing: a sweep, say
+    except InputError:
+        if "solve" in read.tables:
+            raise
+        # It asks nothing: a sweep, say.
         return Session(read.scene)
     pressure = asked.pop("pressure", None)
     return Session(read.scene, pressure, asked)

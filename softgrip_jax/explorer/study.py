@@ -6,6 +6,7 @@ there is none, the numbers of the design go into the scene of the page.
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 from collections import deque
@@ -28,7 +29,7 @@ from ..config.keys import quantity, states_of, varied
 from ..errors import ConfigError, InputError
 from ..parameters import Parameter, Parameters
 from ..progress import Tell
-from ..quantities import Quantity, QuantitySet
+from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, REQUIRED, Quantity, QuantitySet
 from ..results import Status
 from ..scene import Scene
 from ..study import load_study
@@ -68,6 +69,11 @@ SEEN, FAINT = 0.85, 0.05
 def is_inside(path: Path, root: Path) -> bool:
     """Whether a path, all its links followed, is in a folder or is it."""
     return path.resolve().is_relative_to(root.resolve())
+
+
+def _require_inside(paths: list[Path], place: Path, root: Path) -> None:
+    if not all(is_inside(path, root) for path in paths):
+        raise ConfigError(f"{place} is not in {root}, where the explorer was started.")
 
 
 def studies_beneath(root: Path) -> dict[str, Path]:
@@ -138,16 +144,19 @@ class Studied:
         of = name if name in self.quantities else self.quantities[0]
         return self.rows[self.data[of].attrs["status"]]
 
-    def scene(self, row: int, name: str, present: Scene) -> tuple[Scene, Any]:
-        """(the scene of a design, the state that a quantity asks of it); present: what takes the numbers where the
-        study has no config."""
+    def scene(self, row: int, name: str, present: Scene) -> tuple[Scene, float | dict[str, float] | None]:
+        """(the scene of a design, the pressure or the task at which a quantity is asked, as `Session.open` takes it);
+        present: what takes the numbers where the study has no config."""
         parameters = self.parameters or _parameters({"scene": present}, self.varied, {})
         x = jnp.asarray([float(self.rows[one][row]) for one in self.varied])
         scenes = parameters.scenes_at(x)
         about = self.asked.get(name) or next(iter(self.asked.values()), None)
         if about is None:
             return next(iter(scenes.values())), None
-        return scenes[about.scene], about.at
+        scene, at = scenes[about.scene], about.at
+        if isinstance(at, tuple):
+            return scene, dict([at])
+        return scene, {} if at == REQUIRED else at if isinstance(at, float) else None
 
 
 def _parameters(scenes: Mapping[str, Any], names: list[str], whole: dict[str, str]) -> Parameters:
@@ -159,7 +168,7 @@ def _parameters(scenes: Mapping[str, Any], names: list[str], whole: dict[str, st
     return found
 
 
-def _config_of(folder: Path, names: list[str]) -> tuple[Parameters | None, dict[str, Quantity]]:
+def _config_of(folder: Path, root: Path, names: list[str]) -> tuple[Parameters | None, dict[str, Quantity]]:
     """What the config beside a store says of its scenes and quantities."""
     path = folder / "config.toml"
     if not path.is_file():
@@ -167,9 +176,15 @@ def _config_of(folder: Path, names: list[str]) -> tuple[Parameters | None, dict[
     read = configs.load(path)
     where = f"{path}, [sweep]"
     table: SweepTable = configs.validated(SweepTable, read.tables.get("sweep", {}), where)
+    keys = [variable.name for variable in table.variables]
+    if not keys:  # the columns of a CSV are named as variables are
+        file = folder / str(table.file)
+        _require_inside([file], file, root)
+        with file.open(newline="", encoding="utf-8") as lines:
+            keys = [[key.strip() for key in column.split("=")] for column in next(csv.reader(lines), [])]
     whole = {}
-    for variable in table.variables:
-        name = varied(read.scenes, variable.name, where).name
+    for key in keys:
+        name = varied(read.scenes, key, where).name
         whole[name.split("=")[0].strip()] = name
     asked = []
     for observed in table.observables:
@@ -196,8 +211,7 @@ def open_study(place: Path, root: Path) -> Studied:
         InputError: where there is no finished study, or the place is outside.
     """
     files = [place, place / STORE, place / OLD_RESULT, place / "config.toml"]
-    if not all(is_inside(path, root) for path in files):
-        raise ConfigError(f"{place} is not in {root}, where the explorer was started.")
+    _require_inside(files, place, root)
     data = load_study(place) if (place / OLD_RESULT).is_file() else opened(place)
     names, quantities = varied_in(data), quantities_of(data)
     total = designs_in(data)
@@ -205,7 +219,7 @@ def open_study(place: Path, root: Path) -> Studied:
     statuses = [data[name].attrs["status"] for name in quantities]
     rows = {name: np.asarray(part[name].values) for name in (*names, *quantities, *statuses)}
     kinds = {name: data[name].attrs["kind"] for name in (*names, *quantities)}
-    parameters, asked = _config_of(place, names)
+    parameters, asked = _config_of(place, root, names)
     return Studied(data, names, quantities, kinds, rows, parameters, asked)
 
 
@@ -226,13 +240,15 @@ def edges_of(study: Studied, name: str) -> np.ndarray:
 def binned_mean(study: Studied, x: str, y: str, value: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(edges of x, edges of y, means, counts) of a quantity over two numbers, SI, over all designs that have a value.
 
-    The means have shape (cells of x, cells of y), NaN where a cell has no design.
+    A design without a limit has no margin before it: inf, or `NO_LIMIT_MARGIN` in older studies. The means have shape
+    (cells of x, cells of y), NaN where a cell has no design.
     """
     ends = edges_of(study, x), edges_of(study, y)
     shape = len(ends[0]) - 1, len(ends[1]) - 1
+    is_margin = LIMIT_MARGIN in value
     total, count = np.zeros(shape), np.zeros(shape, int)
     for part in pieces(study.data, list(dict.fromkeys([x, y, value]))):
-        known = np.isfinite(part[value])
+        known = np.isfinite(part[value]) & ~(is_margin & (part[value] == NO_LIMIT_MARGIN))
         places = [
             np.clip(np.searchsorted(edges, part[name][known], side="right") - 1, 0, size - 1)
             for name, edges, size in zip((x, y), ends, shape, strict=True)
@@ -321,10 +337,7 @@ class StudyTab:
         try:
             name = next((n for n in (self.y.value, self.x.value) if n in self.study.quantities), "")
             scene, at = self.study.scene(row, name, self.session.current())
-            if isinstance(at, str | tuple):
-                self.session.task = {} if isinstance(at, str) else dict([at])
-                self.session.set_own_task(True)
-            self.page.open_scene(scene, at if isinstance(at, float) else None)
+            self.page.open_scene(scene, at)
         except InputError as error:
             self.line.say(str(error), True)
             return

@@ -16,7 +16,7 @@ from bokeh.plotting import figure
 from ..errors import InputError
 from ..geometry import Section
 from .looks import View, _plain
-from .page import CSS, Page
+from .page import CSS, Page, fault
 
 READ_SECONDS = 3.0
 """A sentence about something wrong stays so long before progress takes its place."""
@@ -33,8 +33,8 @@ def told(page: Page, end: Callable[[str, bool], None], stopped: str) -> Iterator
         sentence = str(error)
         page.later(lambda: end(sentence, True))
     except Exception as error:  # told to the user: a thread has nobody else to tell
-        fault = f"This is a fault of softgrip_jax: {type(error).__name__}: {error}"
-        page.later(lambda: end(fault, True))
+        sentence = fault(error)
+        page.later(lambda: end(sentence, True))
 
 
 class Line:
