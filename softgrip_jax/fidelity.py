@@ -257,9 +257,10 @@ def choose(
 def against_elements(scene: Scene, pressure: Any, folder: Path = FOLDER) -> dict[str, Nearby]:
     """The errors of a model against finite elements, from verified designs near to the scene's.
 
-    A verified design is near where it is of the same kind and material and every number of it (lengths, angles, moduli)
-    is within 10 % of the scene's; it speaks about the pressures that it was verified at, and between them. Of a finger
-    the errors are those of its straight cell: the moment with which the chambers push, and the force of their walls.
+    A verified design is near where it is of the same kind, material and settings (`moment_spread`, the polynomials of
+    an energy membrane, ...) and every number of it (lengths, angles, moduli) is within 10 % of the scene's; it speaks
+    about the pressures that it was verified at, and between them. Of a finger the errors are those of its straight
+    cell: the moment with which the chambers push, and the force of their walls.
 
     Args:
         scene: the scene, with its model.
@@ -278,7 +279,7 @@ def against_elements(scene: Scene, pressure: Any, folder: Path = FOLDER) -> dict
         {}
     """
     if isinstance(scene, FingerScene | pneunet.Cell):
-        model, names, curvature = getattr(scene, "drive", "cell"), ("moment", "contact_force"), 0.0
+        model, names, curvature = str(getattr(scene, "drive", "cell")), ("moment", "contact_force"), 0.0
     elif isinstance(scene, pneunet.Chamber):
         model, names, curvature = "thesis", ("force",), None
     else:
@@ -461,23 +462,28 @@ def _energy(scene: Any) -> Iterator[LadderModel]:
 
 def _finger(scene: Any) -> Iterator[LadderModel]:
     """Every subset of the simplifications with every number of points."""
+    without_cell = (CELL_LEFT_OUT,) if scene.is_cell() else ()
     if scene.finger.segments is None and type(scene) in (pneunet.Free, pneunet.TipContact):
         linear = pneunet.Linear(scene.finger, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
-        yield LadderModel(linear, ("large deflections and strains", "all loads"), "explicit", 1.0)
+        left_out = ("large deflections and strains", "all loads", *without_cell)
+        yield LadderModel(linear, left_out, "explicit", 1.0)
     simpler: list[tuple[Any, tuple[str, ...]]] = [(scene, ())]
     if scene.weight is not None:
         # Free of loads, parts are arcs. Elsewhere zeros do: they share the program, and compiling is what takes long.
         arcs = isinstance(scene, pneunet.Free) and scene.tip_load is None
         weightless = dataclasses.replace(scene, weight=None if arcs else jnp.zeros(2))
         simpler.append((weightless, ("weight of the finger",)))
-    for field, plain, words in (
-        ("section", "inextensible", "stretch of the cover"),
-        ("inclination", "none", "inclination of the walls"),
-    ):
-        if getattr(scene, field) != plain:
-            simpler += [(dataclasses.replace(one, **{field: plain}), (*out, words)) for one, out in simpler]
-    if scene.drive == "cell":
-        yield from _resolved(dataclasses.replace(scene, drive="thesis"), (CELL_LEFT_OUT,), 1.0)
+    # The cell law has neither a section of its own nor walls that incline: there is nothing of them to leave out.
+    if scene.section != "inextensible" and not scene.is_cell():
+        simpler += [
+            (dataclasses.replace(one, section="inextensible"), (*o, "stretch of the cover")) for one, o in simpler
+        ]
+    if scene.inclines():
+        simpler += [
+            (dataclasses.replace(one, inclination="none"), (*o, "inclination of the walls")) for one, o in simpler
+        ]
+    if without_cell:
+        yield from _resolved(dataclasses.replace(scene, drive="thesis"), without_cell, 1.0)
     dear = DRIVE_COST.get(str(scene.drive), 1.0)
     for one, left_out in reversed(simpler):
         yield from _resolved(one, left_out, dear * (WEIGHT_COST if one.weight is scene.weight is not None else 1.0))

@@ -13,7 +13,7 @@ import softgrip_jax as sg
 from optim.calibration.cross_validation import by_specimen, held_out
 from optim.calibration.data import Curve
 from optim.calibration.fit import calibrate, implausible
-from optim.calibration.identifiability import unknown_directions
+from optim.calibration.identifiability import _finger_scenes, _shell_scenes, unknown_directions
 from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
 from optim.space import Variable, to_free
@@ -209,6 +209,20 @@ def test_a_product_is_named_and_a_tension_test_parts_it(noisy):
     assert set(without) == {"free", "test"}
     # Without the tension test mu t_m is still known, so the free curve is no worse; without the free curve t_m is lost.
     assert np.prod(without["test"][0]) == pytest.approx(175 * kPa * T, rel=0.02)
+
+
+def test_further_measurements_are_by_the_laws_that_were_fitted():
+    finger = sg.PneuNet.table_5_1("A")
+    own = {"drive": "small_strain", "section": "thesis", "moment_spread": "none"}
+    made = [scene for _, scene in _finger_scenes(sg.pneunet.TipContact(finger, **own))]
+    assert [type(scene) for scene in made] == [sg.pneunet.Free, sg.pneunet.TipContact]
+    assert all(getattr(scene, name) == value for scene in made for name, value in own.items())
+    assert {scene.drive for _, scene in _finger_scenes(sg.pneunet.Cell(finger, curvature=0.0))} == {"cell"}
+    by_energy = sg.shell.Free(shell(), model="energy", bending=False)
+    on_ball = sg.shell.ObstacleContact(shell(), sg.shell.obstacles.Sphere(20 * mm, 5 * mm), bending=False)
+    for scene in (by_energy, on_ball):
+        assert {(made.model, made.bending) for _, made in _shell_scenes(scene)} == {("energy", False)}
+    assert {made.model for _, made in _shell_scenes(sg.shell.Free(shell()))} == {"arc"}
 
 
 def test_specimens_are_fitted_alone():

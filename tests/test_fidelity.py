@@ -202,6 +202,15 @@ def test_ladders_of_every_kind_are_ordered_and_complete():
     cell = fidelity.model_ladder(sg.pneunet.TipContact(finger, drive="cell"), ["tip_force"])
     assert {r.left_out for r in cell if getattr(r.scene, "drive", "") == "thesis"} >= {(fidelity.CELL_LEFT_OUT,)}
     assert cell[-1].scene.drive == "cell"
+    # The cell law has neither section nor inclination, and a scene keeps its rules (cover_bears_pull) on every model.
+    for scene in (sg.pneunet.TipContact(finger, drive="cell"), sg.pneunet.Free(finger, drive="cell", weight=None)):
+        by_cell = [r for r in fidelity.model_ladder(scene, ["tip_angle"]) if getattr(r.scene, "drive", "") == "cell"]
+        assert {(r.left_out, r.scene.section, r.scene.inclination) for r in by_cell} == {
+            ((), scene.section, scene.inclination)
+        }
+    assert cell[0].left_out == ("large deflections and strains", "all loads", fidelity.CELL_LEFT_OUT)
+    plates = fidelity.model_ladder(sg.pneunet.Free(finger, drive="small_strain"), ["tip"])
+    assert not any("inclination of the walls" in r.left_out for r in plates)  # they know none
     energy = fidelity.model_ladder(sg.shell.FlatContact(shell(), distance=5 * mm, model="energy"), ["force"])
     assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
     assert energy[0].scene.model == "arc"

@@ -357,7 +357,7 @@ MU_KEY = '"shell.material.mu_kPa"'
     ("more", "said"),
     [
         (f"{MU_KEY} = {{ median = 170, spread = 0 }}", "is improper: its spread is 0; it must be a positive number"),
-        (f"{MU_KEY} = {{ mean = 170, deviation = -3 }}", "is improper: its deviation is -3000; it must be"),
+        (f"{MU_KEY} = {{ mean = 170, deviation = -3 }}", "is improper: its deviation is -3; it must be a positive"),
         (f'{MU_KEY} = {{ distribution = "flat" }}', "is 'flat', which is no proper prior here; it must be one of"),
         (f"{MU_KEY} = {{ median = 5, spread = 0.1 }}", "is centred outside of its bounds"),
         (f"{MU_KEY} = {{ median = 170 }}", "must have median and spread"),
@@ -386,6 +386,10 @@ def test_weak_priors_stand_around_the_values_as_given(tmp_path):
     assert read.priors[0].centre == 150 * kPa
     ends = read.priors[0].quantiles(20 * kPa, 2000 * kPa, [0.1587, 0.8413])
     np.testing.assert_allclose(ends, [75 * kPa, 300 * kPa], rtol=0.01)
+    # A value outside of the bounds: around the bound next to it.
+    outside = settings.read(configs.load(written(tmp_path, high=140)))
+    assert outside.priors[0] == Prior("lognormal", 140 * kPa, read.priors[0].spread)
+    require_proper("mu", outside.priors[0], 20 * kPa, 140 * kPa)
     with pytest.raises(InputError, match="lower bound must be above zero"):
         require_proper("x", Prior("lognormal", 1.0, 0.1), 0.0, 2.0)
 

@@ -1,5 +1,6 @@
 """Tension tests: stresses by hand, the choice of a material, where one softens, and silicones where data are there."""
 
+import json
 import os
 from pathlib import Path
 
@@ -14,8 +15,9 @@ from optim.calibration.fit import _other_minima, calibrate
 from optim.calibration.model import Fitted, Fitting
 from optim.calibration.report import examine
 from optim.tension.compare import TEST, compare, neo_hookean_windows
-from optim.tension.run import verdicts
+from optim.tension.run import beyond_the_data, read, verdicts
 from optim.tension.test import CANDIDATES, Tension, candidate, softening
+from softgrip_jax.cli import MISTAKE, STOPPED, run
 from softgrip_jax.errors import InputError
 from softgrip_jax.units import kPa
 
@@ -225,6 +227,55 @@ def test_a_strong_correlation_is_said_in_place_of_a_verdict():
         {TEST: Tension(sg.NeoHookean(mu=1e5))}, candidate("NeoHookean", STRAIN, stress).variables, [curve(stress)]
     )
     assert "The data determine the parameter." in examine(calibrate(few, 1), ["gauss_newton"], 100, 0).remarks
+
+
+CONFIG = """
+[tension]
+file = "test.csv"
+strain = { column = "strain", unit = "1" }
+stress = { column = "stress", unit = "Pa" }
+materials = ["NeoHookean", "Gent"]
+"""
+
+
+def written(folder, more=""):
+    rows = [f"{e:.6g},{1e5 * rise / (1 - i1 / 9):.6g}" for e, rise, i1 in zip(STRAIN, RISE, I1, strict=True)]
+    (folder / "test.csv").write_text("\n".join(["strain,stress", *rows]))
+    (folder / "fit.toml").write_text(CONFIG + more)
+    return folder / "fit.toml"
+
+
+def test_windows_that_the_data_do_not_reach_are_said(tmp_path):
+    """The test has 40 points from 2 to 150 %: two of them up to 6 %."""
+    table, data = read(written(tmp_path, "window_percent = 200\ncompare_percent = [6, 50, 300]\n"))
+    window, few, beyond = beyond_the_data(table, data)
+    assert window.startswith("window_percent is 200, but the test ends at 150 %")
+    assert few == "There is no neo-Hookean mu up to 6 % strain: fewer than 3 points are there."
+    assert beyond == "There is no neo-Hookean mu up to 300 % strain: the test ends at 150 %."
+    for more in ("", "window_percent = 150\ncompare_percent = [50, 150]\n"):
+        assert beyond_the_data(*read(written(tmp_path, more))) == []
+
+
+def test_stopped_in_the_scores_it_keeps_the_fits(tmp_path, monkeypatch, capsys):
+    def stop(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("optim.tension.run.extra", lambda: None)
+    monkeypatch.setattr("optim.tension.run._scored", stop)
+    config, out = written(tmp_path, "window_percent = 200\nposterior = true\n"), tmp_path / "out"
+    assert run(["calibrate", str(config), "--out", str(out)]) == STOPPED
+    assert "Stopped after the fit" in capsys.readouterr().out
+    result = json.loads((out / "result.json").read_text())
+    assert result["chosen"] == "Gent"
+    assert "evidence" not in result
+    assert any("the test ends at 150 %" in sentence for sentence in result["remarks"])
+    assert {"material.toml", "materials.csv", "fit.png", "report.html"} <= {path.name for path in out.iterdir()}
+
+
+def test_a_seed_that_no_generator_takes_is_one_sentence(tmp_path, capsys):
+    config = written(tmp_path, "seed = 99999999999999999999\n")
+    assert run(["calibrate", str(config), "--out", str(tmp_path / "out")]) == MISTAKE
+    assert "seed is 99999999999999999999; it should be less than" in capsys.readouterr().err.replace("\n", " ")
 
 
 MEASURED = os.environ.get("SOFTGRIP_MEASURED", "")

@@ -1,17 +1,22 @@
 """Finite elements of a scene: against finite differences, closed forms, and curves computed by another program."""
 
+import dataclasses
 import json
 import re
 import shutil
 import subprocess
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import softgrip_jax as sg
 from softgrip_jax import cli, fidelity
+from softgrip_jax.commands.verify import finger_case
 from softgrip_jax.errors import InputError
+from softgrip_jax.pneunet.wall.small_strain import SmallStrainWalls
 from softgrip_jax.units import N_mm, kPa, mm
 
 pytest.importorskip("skfem", reason="needs scikit-fem")
@@ -269,6 +274,15 @@ def test_a_moment_beyond_the_fold_has_no_state():
     assert list(CoverSolid(FINGER, 100 * N_mm).follow([run.Target(31e3)])) == []
 
 
+def test_a_cover_is_compared_where_one_moment_acts_on_it():
+    """Walls that incline give every part a moment of its own: 5.9 to 2.7 N mm along type A at 31 kPa."""
+    parallel, inclining = (finger_case(sg.pneunet.TipContact(FINGER, inclination=i), 5e3, "") for i in ("none", "gap"))
+    assert (len(parallel.parts), parallel.remarks) == (2, ())
+    assert len(inclining.parts) == 1
+    assert "the beam itself is not: as the walls incline" in " ".join(inclining.remarks)
+    assert finger_case(sg.pneunet.Free(FINGER), 5e3, "").remarks == ()
+
+
 # --- what is kept -----------------------------------------------------------------------------------------------------
 
 
@@ -318,8 +332,52 @@ def test_a_finger_has_the_errors_of_its_straight_cell(tmp_path):
     assert fidelity.against_elements(scene, 31e3, tmp_path)["moment"].error == pytest.approx(-0.7)
 
 
-def test_what_is_no_verification_is_named(tmp_path):
-    (tmp_path / "notes.json").write_text("{}", encoding="utf-8")
+@pytest.mark.parametrize(
+    ("verified", "other", "quantity"),
+    [
+        (
+            sg.pneunet.TipContact(FINGER, moment_spread="none"),
+            sg.pneunet.TipContact(FINGER, moment_spread="root"),
+            "moment",
+        ),
+        (sg.pneunet.TipContact(FINGER), sg.pneunet.TipContact(FINGER, section="thesis"), "moment"),
+        (sg.pneunet.Chamber(FINGER, inclination=0.3), sg.pneunet.Chamber(FINGER, inclination=0.0), "force"),
+        (sg.shell.Free(SHELL, model="energy"), sg.shell.Free(SHELL, model="energy", bending=False), "inflation"),
+        (
+            sg.shell.Free(SHELL, model="energy"),
+            dataclasses.replace(sg.shell.Free(SHELL).energy_scene(), across=2, lengthwise=3),
+            "inflation",
+        ),
+    ],
+)
+def test_another_model_of_the_same_design_is_not_near(verified, other, quantity, tmp_path):
+    model = "energy" if quantity == "inflation" else "thesis"
+    curvature = 0.0 if quantity == "moment" else None
+    kept.keep(verified, table([10e3, 20e3], [-0.5, -0.5], quantity, curvature, model), tmp_path)
+    near = fidelity.against_elements(verified, 15e3, tmp_path)[quantity]
+    assert (near.error, near.distance) == (-0.5, 0.0)
+    assert fidelity.against_elements(other, 15e3, tmp_path) == {}
+
+
+def test_an_inclination_is_a_number_of_a_chamber(tmp_path):
+    kept.keep(sg.pneunet.Chamber(FINGER, inclination=0.3), table([10e3], [-0.5], "force", None, "thesis"), tmp_path)
+    near = fidelity.against_elements(sg.pneunet.Chamber(FINGER, inclination=0.285), 10e3, tmp_path)["force"]
+    assert near.distance == pytest.approx(0.05)
+
+
+def test_of_walls_of_ones_own_nothing_was_verified(tmp_path):
+    class Mine(SmallStrainWalls):
+        factor: jax.Array = eqx.field(default_factory=lambda: jnp.asarray(2.0))
+
+    kept.keep(sg.pneunet.Free(FINGER), table([10e3], [-0.7], "moment", 0.0, "thesis"), tmp_path)
+    assert fidelity.against_elements(sg.pneunet.TipContact(FINGER, drive=Mine()), 10e3, tmp_path) == {}
+
+
+@pytest.mark.parametrize("change", [None, {"numbers": [1]}, {"rows": [{}]}, {"rows": 1}])
+def test_what_is_no_verification_is_named(change, tmp_path):
+    file = kept.keep(sg.shell.Free(SHELL), table([10e3], [-0.1]), tmp_path)
+    record = {} if change is None else json.loads(file.read_text(encoding="utf-8")) | change
+    (tmp_path / "notes.json").write_text(json.dumps(record), encoding="utf-8")
     with pytest.raises(InputError, match=r"notes\.json is no verification"):
         fidelity.against_elements(sg.shell.Free(SHELL), 10e3, tmp_path)
 
@@ -364,6 +422,17 @@ def test_the_command_writes_a_folder_that_fidelity_reads(quick_mesh, tmp_path, m
     assert re.search(r"inflation: [+-][\d.]+ % against finite elements", capsys.readouterr().out)
     assert cli.run(["verify", "free.toml", "--out", "seen"]) == cli.MISTAKE
     assert "seen exists already" in capsys.readouterr().err
+
+
+def test_where_it_shall_be_kept_is_looked_at_first(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("softgrip_jax.commands.verify.case_of", lambda *_: pytest.fail("the work has begun"))
+    (tmp_path / "free.toml").write_text(FREE, encoding="utf-8")
+    assert cli.run(["verify", "free.toml", "--keep", "free.toml"]) == cli.MISTAKE
+    told = capsys.readouterr().err
+    assert "kept in free.toml" in told
+    assert "--keep" in told
+    assert "--out" not in told
 
 
 def test_ctrl_c_keeps_what_is_there(quick_mesh, tmp_path, monkeypatch, capsys):

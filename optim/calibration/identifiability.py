@@ -6,7 +6,7 @@ to a relative standard deviation 1/s. A direction with a large 1/s is one along 
 and the data hardly change: v ~ (1, -1) means that only the product of the two is determined, (1, 1) only their ratio.
 
 A further measurement adds its own rows to S. Candidates are what can be measured on the same actuator; each is judged
-by the derivatives of its own model at the fit, at the same pressures, with 1 % noise.
+by the derivatives of its own scene at the fit, by the same laws and at the same pressures, with 1 % noise.
 """
 
 from __future__ import annotations
@@ -138,20 +138,25 @@ def _parts(fit: Fit, rows: np.ndarray, direction: np.ndarray) -> bool:
 
 def _shell_scenes(scene: Any) -> list[tuple[str, Scene]]:
     shell, distance = scene.shell, 0.3 * scene.shell.a
+    model = "energy" if isinstance(scene, sg.shell.ObstacleContact) else getattr(scene, "model", "arc")
+    law = {"model": model, "bending": getattr(scene, "bending", True)}
+    plane = sg.shell.FlatContact(shell, distance=distance, **law)
     return [
-        ("free inflation of the shell", sg.shell.Free(shell)),
-        (f"its force on a plane {float(distance) * 1e3:.2g} mm away", sg.shell.FlatContact(shell, distance=distance)),
+        ("free inflation of the shell", sg.shell.Free(shell, **law)),
+        (f"its force on a plane {float(distance) * 1e3:.2g} mm away", plane),
     ]
 
 
 def _finger_scenes(scene: Any) -> list[tuple[str, Scene]]:
-    finger = scene.finger
+    law = {name: getattr(scene, name) for name in ("drive", "section", "moment_spread") if hasattr(scene, name)}
+    if isinstance(scene, sg.pneunet.Cell):
+        law["drive"] = "cell"
     return [
         (
             "the free bending of the finger without weight",
-            sg.pneunet.Free(finger=finger, weight=(0.0, 0.0), inclination="none"),
+            sg.pneunet.Free(finger=scene.finger, weight=(0.0, 0.0), inclination="none", **law),
         ),
-        ("the blocked force of the finger", sg.pneunet.TipContact(finger=finger)),
+        ("the blocked force of the finger", sg.pneunet.TipContact(finger=scene.finger, **law)),
     ]
 
 

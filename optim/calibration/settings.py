@@ -17,20 +17,20 @@ Bounds are in the unit of the name. `scene` names the scene of a curve where the
     discrepancy = 0.1               "contact.distance_mm" = { distribution = "uniform" }         # between the bounds
 
 `posterior = true` samples with the defaults. A parameter without a prior of its own has a weak one around its value as
-given.
+given, or around the bound next to that.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config.keys import Table, Varied, varied
+from softgrip_jax.config.keys import Seed, Table, Varied, varied
 from softgrip_jax.errors import ConfigError, InputError, located
 
 from ..posterior.priors import BETWEEN, DISCREPANCY, Prior, Sampling, require_proper, weak
@@ -86,7 +86,12 @@ class PosteriorTable(Table):
     warmup: int = pydantic.Field(default=500, ge=100, le=100_000)
     discrepancy: float = pydantic.Field(default=DISCREPANCY, ge=0, le=1)
     between: float = pydantic.Field(default=BETWEEN, ge=0, le=1)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
+
+
+def _posterior(given: Any) -> Any:
+    """posterior = true is a table of defaults; a union of the two would name the wrong mistake."""
+    return {True: {}, False: None}[given] if isinstance(given, bool) else given
 
 
 class CalibrateTable(Table):
@@ -96,8 +101,8 @@ class CalibrateTable(Table):
     intervals: list[Literal[METHODS]] = ["gauss_newton"]  # type: ignore[valid-type]
     repeats: int = pydantic.Field(default=REPEATS, ge=100, le=100_000)
     starts: int = pydantic.Field(default=STARTS, ge=1, le=1024)
-    seed: int = pydantic.Field(default=0, ge=0)
-    posterior: bool | PosteriorTable = False
+    seed: Seed = 0
+    posterior: Annotated[PosteriorTable | None, pydantic.BeforeValidator(_posterior)] = None
     priors: dict[str, PriorTable] = {}
 
 
@@ -115,9 +120,9 @@ class Settings:
     def sampling(self, wanted: bool = False) -> Sampling | None:
         """How a posterior is sampled; None where none is wanted."""
         table = self.table.posterior
-        if isinstance(table, PosteriorTable):
+        if table is not None:
             return Sampling(**table.model_dump())
-        return Sampling() if table or wanted else None
+        return Sampling() if wanted else None
 
 
 def read(config: configs.Config) -> Settings:
@@ -152,7 +157,7 @@ def _priors(table: CalibrateTable, space: Space, numbers: tuple[Varied, ...], wh
         prior = _prior(key, given, numbers[k].unit, place)
         for j in np.flatnonzero(np.array(of_entry) == k):
             try:
-                require_proper(key, prior, float(space.low[j]), float(space.high[j]))
+                require_proper(key, prior, float(space.low[j]), float(space.high[j]), numbers[k].unit)
             except InputError as error:
                 raise ConfigError(f"{place}: {error}") from None
             found[j] = prior

@@ -32,7 +32,7 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config.keys import Table, quantity, state_of, varied
+from softgrip_jax.config.keys import Seed, Table, quantity, state_of, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.parameters import Scenes
 from softgrip_jax.pneunet.drives import SENTENCE
@@ -90,7 +90,7 @@ class DesignTable(Table):
     optimiser: Literal[OPTIMISERS] = "adam"  # type: ignore[valid-type]
     learning_rate: float = pydantic.Field(default=0.3, gt=0)
     finishes: int = pydantic.Field(default=FINISHED, ge=0, le=1000)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     ignore_rules: list[str] = []
     different_laws: bool = False
     drive: Literal["both"] | None = None

@@ -26,7 +26,7 @@ import numpy as np
 import pydantic
 
 from softgrip_jax import config as configs
-from softgrip_jax.config.keys import Table, Varied, quantity, varied
+from softgrip_jax.config.keys import Seed, Table, Varied, quantity, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.quantities import Quantity, kind_of
 
@@ -84,7 +84,7 @@ class PlanTable(Table):
     decision: DecisionTable | None = None
     posterior: str | None = None
     draws: int = pydantic.Field(default=32, ge=1, le=4096)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
 
 
 @dataclasses.dataclass(frozen=True)

@@ -102,15 +102,16 @@ class Prior:
 
 
 def weak(space: Space, j: int) -> Prior:
-    """The prior of a parameter for which none is given: around its value as given, and wide."""
-    centre = float(space.reference[j])
+    """The prior of a parameter for which none is given: wide, around its value as given or the bound next to it."""
+    centre = float(np.clip(space.reference[j], space.low[j], space.high[j]))
     if space.is_log[j]:
         return Prior("lognormal", centre, WEAK_SPREAD)
     return Prior("normal", centre, WEAK_PART * float(space.high[j] - space.low[j]))
 
 
-def require_proper(name: str, prior: Prior, low: float, high: float) -> None:
-    """An InputError where a prior has no density, or none between the bounds of its parameter."""
+def require_proper(name: str, prior: Prior, low: float, high: float, unit: float = 1.0) -> None:
+    """An InputError where a prior has no density, or none between the bounds of its parameter; unit: of its name, in
+    SI."""
     if prior.distribution not in DISTRIBUTIONS:
         raise InputError(
             f"The prior of {name} is {prior.distribution!r}; it must be one of {', '.join(DISTRIBUTIONS)}."
@@ -118,9 +119,9 @@ def require_proper(name: str, prior: Prior, low: float, high: float) -> None:
     if prior.distribution == "uniform":
         return
     if not (np.isfinite(prior.spread) and prior.spread > 0):
+        what, size = ("spread", 1.0) if prior.distribution == "lognormal" else ("deviation", unit)
         raise InputError(
-            f"The prior of {name} is improper: its {'spread' if prior.distribution == 'lognormal' else 'deviation'} is "
-            f"{prior.spread:g}; it must be a positive number."
+            f"The prior of {name} is improper: its {what} is {prior.spread / size:g}; it must be a positive number."
         )
     if prior.distribution == "lognormal" and not (prior.centre > 0 and low > 0):
         raise InputError(f"The prior of {name} is lognormal; its median and its lower bound must be above zero.")

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 import pydantic
 
-from softgrip_jax.config.keys import Table, varied
+from softgrip_jax.config.keys import Seed, Table, varied
 from softgrip_jax.draws import read_draws
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.parameters import Parameter, Parameters, Scenes
@@ -75,7 +75,7 @@ class UncertainTable(Table):
     requirements: list[RequirementTable] = []
     method: Literal["auto", "derivatives", "samples"] = "auto"
     samples: int = pydantic.Field(default=SAMPLES, ge=64, le=65536)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     front: list[float] = []
     budget: bool = True
 

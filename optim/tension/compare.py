@@ -95,7 +95,7 @@ def compare(
     judged.sort(key=lambda one: one.akaike)
     found = neo_hookean_windows(curve, windows)
     known = {one.strain for one in found}
-    weak = [f"{100 * w:.0f} %" for w in windows if w not in known and _points_inside(curve, w) >= LEAST_POINTS]
+    weak = [f"{100 * w:.0f} %" for w in windows if w not in known and points_inside(curve, w) >= LEAST_POINTS]
     if weak:
         remarks.append(
             f"There is no neo-Hookean mu up to {' and '.join(weak)} strain: on the whole the stresses there are not "
@@ -129,7 +129,7 @@ def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
     found = []
     for window in windows:
         inside = curve.x <= window * (1 + 1e-9)
-        if _points_inside(curve, window) >= LEAST_POINTS:
+        if points_inside(curve, window) >= LEAST_POINTS:
             member = fitting.member(start, weight=jnp.asarray(inside.astype(float)))
             fit = finished(fitting, with_noise(fitting, member))
             if fit.on_bound.any():
@@ -141,7 +141,7 @@ def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
 LEAST_POINTS = 3
 
 
-def _points_inside(curve: Curve, window: float) -> int:
+def points_inside(curve: Curve, window: float) -> int:
     return int(np.sum(curve.x <= window * (1 + 1e-9)))
 
 

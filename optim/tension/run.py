@@ -34,9 +34,9 @@ import pydantic
 from rich.console import Console
 
 from softgrip_jax import config as configs
-from softgrip_jax.config.keys import Table
+from softgrip_jax.config.keys import Seed, Table
 from softgrip_jax.errors import ConfigError, located
-from softgrip_jax.folders import new_folder
+from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import Tell, stages
 from softgrip_jax.report.inputs import keep_inputs
 from softgrip_jax.report.run import tell_and_keep, write_report
@@ -47,6 +47,7 @@ from softgrip_jax.units import kPa
 from ..calibration.data import Curve
 from ..calibration.fit import Fit
 from ..calibration.provenance import material_text, provenance
+from ..calibration.report import STOPPED
 from ..calibration.settings import ColumnTable, column, read_specimens
 from ..posterior.compare import Run, as_data, compared, run_of
 from ..posterior.compare import report as report_evidence
@@ -54,7 +55,18 @@ from ..posterior.posterior import posterior
 from ..posterior.priors import Sampling, weak
 from ..posterior.sample import extra
 from ..records import summary, versions
-from .compare import COMPARED, DEPENDS, SOFT, STIFF, TEST, Comparison, FittedMaterial, compare
+from .compare import (
+    COMPARED,
+    DEPENDS,
+    LEAST_POINTS,
+    SOFT,
+    STIFF,
+    TEST,
+    Comparison,
+    FittedMaterial,
+    compare,
+    points_inside,
+)
 from .test import BEYOND, CANDIDATES
 
 
@@ -67,7 +79,7 @@ class TensionTable(Table):
     )
     window_percent: float | None = pydantic.Field(default=None, gt=0)
     compare_percent: list[float] | None = None
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     posterior: bool = False
 
 
@@ -90,7 +102,10 @@ OWN_FILES = ("material.toml", "materials.csv", "result.json", "summary.txt")
 
 
 def run_tension(config: Path, out: Path | None, console: Console, with_posterior: bool = False) -> Path:
-    """Compare materials as the config says; the folder that holds it. with_posterior: whatever the config says."""
+    """Compare materials as the config says; the folder that holds it. with_posterior: whatever the config says.
+
+    Ctrl-C after the fits keeps them, and is raised again.
+    """
     table, curve = read(config)
     largest = float(curve.x.max())
     window = largest if table.window_percent is None else table.window_percent / 100
@@ -99,31 +114,53 @@ def run_tension(config: Path, out: Path | None, console: Console, with_posterior
         windows.append(largest)
     with new_folder(out, config.stem) as (folder, final):
         with located(f"{config}, [tension]"), stages(console) as tell:
-            evidence = None
+            evidence, remarks = None, beyond_the_data(table, curve)
+            stopped = False
             if table.posterior or with_posterior:
                 extra()
             found = compare(curve, table.materials, min(window, largest), windows, table.seed, tell)
             if (table.posterior or with_posterior) and len(found.judged) > 1:
-                evidence = compared([_scored(one, table.seed, tell) for one in found.judged])
-        remarks = verdicts(found)
-        comment = "\n".join([provenance(config.name), *_words_of(found)])
-        keep_inputs(folder, config, OWN_FILES)
-        (folder / "material.toml").write_text(material_text(found.chosen.material, comment), encoding="utf-8")
-        _write_table(folder / "materials.csv", found)
-        result = _summary(found, remarks) | ({} if evidence is None else {"evidence": as_data(evidence)})
-        (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
-        draw(found, folder / "fit.png")
+                try:
+                    evidence = compared([_scored(one, table.seed, tell) for one in found.judged])
+                except KeyboardInterrupt:
+                    stopped = True
+        remarks += [*verdicts(found), *([STOPPED] if stopped else [])]
+        with DeferInterrupt() as writing:
+            comment = "\n".join([provenance(config.name), *_words_of(found)])
+            keep_inputs(folder, config, OWN_FILES)
+            (folder / "material.toml").write_text(material_text(found.chosen.material, comment), encoding="utf-8")
+            _write_table(folder / "materials.csv", found)
+            result = _summary(found, remarks) | ({} if evidence is None else {"evidence": as_data(evidence)})
+            (folder / "result.json").write_text(json.dumps(result, indent=2), encoding="utf-8")
+            draw(found, folder / "fit.png")
 
-        def tell_all(console: Console) -> None:
-            report(found, remarks, console)
-            if evidence is not None:
-                report_evidence(evidence, console)
+            def tell_all(console: Console) -> None:
+                report(found, remarks, console)
+                if evidence is not None:
+                    report_evidence(evidence, console)
 
-        tell_and_keep(folder, console, tell_all)
-        write_report(folder, final.name)
+            tell_and_keep(folder, console, tell_all)
+            write_report(folder, final.name)
     command = 'material = "material.toml" in a config in this folder.'
     console.print(summary("fit", final, command), soft_wrap=True)
+    if stopped or writing.asked:
+        raise KeyboardInterrupt
     return final
+
+
+def beyond_the_data(table: TensionTable, curve: Curve) -> list[str]:
+    """What the config asks for and the data do not reach, in sentences."""
+    largest = float(curve.x.max())
+    ends = f"the test ends at {100 * largest:.5g} %"
+    said = []
+    if table.window_percent is not None and table.window_percent / 100 > largest * (1 + 1e-9):
+        said.append(f"window_percent is {table.window_percent:g}, but {ends}: so far the materials are fitted.")
+    for percent in table.compare_percent or []:
+        is_beyond = percent / 100 > largest * (1 + 1e-9)
+        if is_beyond or points_inside(curve, percent / 100) < LEAST_POINTS:
+            why = ends if is_beyond else f"fewer than {LEAST_POINTS} points are there"
+            said.append(f"There is no neo-Hookean mu up to {percent:g} % strain: {why}.")
+    return said
 
 
 def _scored(one: FittedMaterial, seed: int, tell: Tell) -> Run:

@@ -58,6 +58,8 @@ def run_verify(
     from ..verify.rows import rows_of as part_rows
 
     require_elements()
+    kept_in = keep or memory.FOLDER
+    memory.require_place(kept_in)
     read = one_scene(config, scene)
     pressure = asked_pressure(read, config, pressure_kpa)
     began, stopped = time.monotonic(), False
@@ -102,12 +104,12 @@ def run_verify(
         picture = case.picture(found[0])
         if picture is not None:
             write_whole(folder / "shapes.png", functools.partial(picture.savefig, bbox_inches="tight", dpi=200))
-    kept = memory.keep(read.scene, data["rows"], keep or memory.FOLDER)
+    kept = memory.keep(read.scene, data["rows"], kept_in)
     if as_json:
         print(json.dumps({"folder": str(final), "kept": str(kept)} | data, indent=2, allow_nan=False))
     else:
         report(case.name, rows, console)
-        for sentence in [] if stopped else remarks(found):
+        for sentence in case.remarks if stopped else (*case.remarks, *remarks(found)):
             console.print(sentence, soft_wrap=True, markup=False)
         console.print(
             f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. From now on `softgrip solve` "
@@ -179,11 +181,12 @@ class Part:
 
 @dataclasses.dataclass
 class Case:
-    """What is compared of one scene; the picture is of its first part."""
+    """What is compared of one scene; the picture is of its first part, and the remarks say what is not compared."""
 
     name: str
     parts: list[Part]
     picture: Callable[[list[Any]], Any]
+    remarks: tuple[str, ...] = ()
 
 
 def state_data(one: Any) -> dict[str, Any]:
@@ -272,6 +275,7 @@ def shell_case(scene: Any, pressure: float, name: str) -> Case:
 def finger_case(scene: Any, pressure: float, name: str) -> Case:
     """A finger's cell: straight, bent as the solution is, and free."""
     from ..plots.elements import cells_and_walls
+    from ..pneunet import TipContact
     from ..questions import solve
     from ..results import Status
     from ..verify import finger as fingers
@@ -304,7 +308,8 @@ def finger_case(scene: Any, pressure: float, name: str) -> Case:
     )
     held = fingers.held_cover(scene, pressure)
     if held is None:
-        return Case(name, [cell], picture)
+        one_moment = not (isinstance(scene, TipContact) and scene.inclines())
+        return Case(name, [cell], picture, () if one_moment else (fingers.MANY_MOMENTS,))
     moment, values = held
     cover = Part(
         [Target(pressure)],

@@ -14,7 +14,7 @@ The state of a quantity, `at`: "required" (the pressure that the scene's own tas
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import pydantic
@@ -42,6 +42,10 @@ class Table(pydantic.BaseModel):
     """A table of a config: no unknown keys, no conversions."""
 
     model_config = pydantic.ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+Seed = Annotated[int, pydantic.Field(ge=0, lt=2**32)]
+"""Of random numbers: what every generator takes."""
 
 
 class Varied(NamedTuple):

@@ -154,12 +154,21 @@ def _cell(finger: Any, target: Target) -> dict[str, float]:
     return {name: value for name, value in values.items() if math.isfinite(value)}
 
 
+MANY_MOMENTS = (
+    "The cell is compared, the beam itself is not: as the walls incline, every chamber has a moment of its own, and "
+    "finite elements of the cover are there for one moment alone."
+)
+
+
 def held_cover(scene: Any, pressure: float) -> tuple[float, dict[str, float]] | None:
     """The chambers' moment (N m) on the cover of a finger whose tip is held at y = 0, and what our beam says of it.
 
-    None for other fingers: with loads, the cell law, or a tip that is held elsewhere.
+    None for other fingers: with loads, the cell law, a tip that is held elsewhere, or walls that incline, which give
+    every part a moment of its own.
     """
     if not isinstance(scene, pneunet.TipContact) or scene.drive != "thesis" or scene.weight is not None:
+        return None
+    if scene.inclines():
         return None
     given: Any = scene
     if float(given.tip_offset) != 0 or float(given.tip_pull) != 0:

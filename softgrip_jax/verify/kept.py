@@ -1,8 +1,8 @@
 """Verifications that are kept: a folder of files, and which of them speak about a design at hand.
 
-A verification is near to a design where the two are of one kind, of the same class of material, and every number
-(lengths, angles, moduli) is within NEAR of the other's; and it speaks about the pressures from the least that it
-verified to the largest, by NEAR more. Between its pressures errors are interpolated.
+A verification is near to a design where the two are of one kind, of the same class of material, and of the same model
+(its settings), and every number (lengths, angles, moduli) is within NEAR of the other's; and it speaks about the
+pressures from the least that it verified to the largest, by NEAR more. Between its pressures errors are interpolated.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import pneunet
 from ..errors import InputError
+from ..folders import why_unwritable, write_whole
 from ..pneunet.finger_scene import FingerScene
 from ..scene import Scene
 from ..shell.energy.scene import EnergyScene
@@ -26,7 +27,7 @@ FOLDER = Path("verified")
 """Where verifications are kept, below the folder in which one works."""
 NEAR = 0.1
 """Largest relative difference of a number, dimensionless."""
-VERSION = 1
+VERSION = 2
 
 
 class Nearby(NamedTuple):
@@ -61,36 +62,58 @@ class Nearby(NamedTuple):
         )
 
 
-def subject(scene: Any) -> tuple[str, Any]:
-    """The kind of what finite elements compute, and the numbers that it depends on, as a tree."""
+class Subject(NamedTuple):
+    """What finite elements compute of a scene, and what the errors of our models of it depend on.
+
+    Args:
+        kind: of it.
+        part: what has the material.
+        numbers: that it depends on, as a tree.
+        settings: of the model, what is no number.
+    """
+
+    kind: str
+    part: Any
+    numbers: Any
+    settings: dict[str, Any]
+
+    def as_data(self) -> dict[str, Any]:
+        """As plain data: every number by its path, in SI."""
+        leaves = jax.tree_util.tree_flatten_with_path(self.numbers)[0]
+        material = type(self.part.material).__name__ if hasattr(self.part, "material") else ""
+        numbers = {jax.tree_util.keystr(path): np.asarray(leaf).tolist() for path, leaf in leaves}
+        return {"kind": self.kind, "material": material, "settings": self.settings, "numbers": numbers}
+
+
+def subject(scene: Any) -> Subject:
+    """What is verified of a scene."""
     if isinstance(scene, FingerScene | pneunet.Cell):
-        return "finger", scene.finger
+        # The walls of a straight cell, of which a finger is told the errors, do not incline.
+        section = getattr(scene, "section", "exact")
+        name = section if isinstance(section, str) else type(section).__name__
+        settings = {"section": name, "moment_spread": getattr(scene, "moment_spread", "root")}
+        return Subject("finger", scene.finger, scene.finger, settings)
     if isinstance(scene, pneunet.Chamber):
-        return "Chamber", scene.finger
+        return Subject("Chamber", scene.finger, (scene.finger, scene.inclination), {})
     if isinstance(scene, EnergyScene):
         energy: Any = scene
     else:
         try:
             energy = scene.energy_scene()
         except (AttributeError, NotImplementedError):
-            return type(scene).__name__, scene
-    body = energy.body
-    return f"shell on {type(body).__name__}" if body is not None else "free shell", (energy.shell, body)
+            return Subject(type(scene).__name__, scene, scene, {})
+    body, basis = energy.body, {name: getattr(energy, name) for name in ("across", "lengthwise", "bending")}
+    kind = f"shell on {type(body).__name__}" if body is not None else "free shell"
+    return Subject(kind, energy.shell, (energy.shell, body), basis)
 
 
-def numbers_of(scene: Any) -> dict[str, float | list[float]]:
-    """Every number of what was verified by its path, in SI, with the classes of the materials as they stand."""
-    _, tree = subject(scene)
-    leaves = jax.tree_util.tree_flatten_with_path(tree)[0]
-    found: dict[str, Any] = {jax.tree_util.keystr(path): np.asarray(leaf).tolist() for path, leaf in leaves}
-    return found
-
-
-def class_of_material(scene: Any) -> str:
-    """Of the one material in what was verified."""
-    _, tree = subject(scene)
-    part = tree[0] if isinstance(tree, tuple) else tree
-    return type(part.material).__name__ if hasattr(part, "material") else ""
+def require_place(folder: Path) -> None:
+    """An InputError where verifications cannot be kept in a folder, which need not exist yet."""
+    absolute = folder.absolute()
+    place = next(path for path in (absolute, *absolute.parents) if path.exists())
+    reason = why_unwritable(place)
+    if reason:
+        raise InputError(f"Verifications cannot be kept in {folder}: {place}: {reason}; give --keep another place.")
 
 
 def keep(scene: Scene, rows: list[dict[str, Any]], folder: Path = FOLDER) -> Path:
@@ -99,17 +122,9 @@ def keep(scene: Scene, rows: list[dict[str, Any]], folder: Path = FOLDER) -> Pat
     Raises:
         InputError: where the folder cannot be written to.
     """
-    from ..folders import check_folder, write_whole
-
-    check_folder(folder)
+    require_place(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    record = {
-        "version": VERSION,
-        "kind": subject(scene)[0],
-        "material": class_of_material(scene),
-        "numbers": numbers_of(scene),
-        "rows": rows,
-    }
+    record: dict[str, Any] = {"version": VERSION} | subject(scene).as_data() | {"rows": rows}
     name = f"{record['kind'].replace(' ', '_')}-{uuid.uuid4().hex[:8]}.json"
     path = folder / name
     write_whole(path, json.dumps(record, indent=1, allow_nan=False).encode())
@@ -149,17 +164,17 @@ def nearby(
     """
     if not folder.is_dir():
         return None
-    kind, _ = subject(scene)
-    here, material, best = numbers_of(scene), class_of_material(scene), None
+    here, best = subject(scene).as_data(), None
     for file in sorted(folder.glob("*.json")):
         try:
             record = json.loads(file.read_text(encoding="utf-8"))
-            known = record["version"] == VERSION and record["kind"] == kind and record["material"] == material
-            apart = distance(here, record["numbers"]) if known else math.inf
+            same = ("kind", "material", "settings")
+            known = record["version"] == VERSION and all(record[name] == here[name] for name in same)
+            apart = distance(here["numbers"], record["numbers"]) if known else math.inf
             rows = record["rows"]
-        except (OSError, ValueError, KeyError, TypeError):
+            said = _at(rows, pressure, quantity, model, curvature) if apart <= NEAR else None
+        except (OSError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError):
             raise InputError(f"{file} is no verification; move it out of {folder}.") from None
-        said = _at(rows, pressure, quantity, model, curvature) if apart <= NEAR else None
         if said is not None:
             one = Nearby(*said, apart, file)
             best = one if best is None or one.rank() < best.rank() else best
