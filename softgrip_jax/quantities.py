@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .errors import InputError
@@ -46,7 +47,8 @@ AT_REST = "rest"
 """The state of the margins that undeformed parts have."""
 
 NO_LIMIT_MARGIN = 1e6
-"""`limit_margin` of a scene without a limit pressure: larger than any bound, and finite."""
+"""`limit_margin` of a scene without a limit pressure: larger than any bound, and finite, as a search needs it. Studies
+have inf there."""
 
 SHAPE_POINTS = 101
 """Points of a shape, straight between two of them: a finger that is curled to a circle loses 1e-4 of its length."""
@@ -63,6 +65,8 @@ class Quantity:
             2.0) with the wanted value in SI.
         scene: name of the scene, needed where there are several.
         along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1), dimensionless.
+        at_kind: of the observable that `at` gives the value of, a key of `units.DISPLAY`; found by whoever knows the
+            scene.
 
     Examples:
         >>> sg.Quantity("force", at=31 * kPa).label()
@@ -73,12 +77,19 @@ class Quantity:
     at: State = None
     scene: str = ""
     along: float | None = None
+    at_kind: str = dataclasses.field(default="number", compare=False, repr=False)
 
     def label(self, with_scene: bool = True) -> str:
         """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
         name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
         name += "" if self.along is None else f" {self.along:.0%} along"
-        return name if self.at is None or self.at == AT_REST else f"{name} at {state_label(self.at)}"
+        return name if self.at is None or self.at == AT_REST else f"{name} at {self.state_label()}"
+
+    def state_label(self) -> str:
+        """'31 kPa', 'required', 'force 2 N'."""
+        if isinstance(self.at, tuple):
+            return f"{self.at[0]} {in_units(self.at[1], self.at_kind)}"
+        return self.at if isinstance(self.at, str) else in_units(self.at, "pressure")
 
     @property
     def rule(self) -> str | None:
@@ -91,11 +102,9 @@ class Quantity:
         return self.scene, self.at
 
 
-def state_label(at: State) -> str:
-    """'31 kPa', 'required', 'force 2'."""
-    if isinstance(at, tuple):
-        return f"{at[0]} {at[1]:g}"
-    return at if isinstance(at, str) else in_units(at, "pressure")
+def shown(value: Any, kind: str) -> str:
+    """A value in SI as people read it; "none" for a limit that a scene has not (inf)."""
+    return "none" if np.isinf(value) else in_units(value, kind)
 
 
 class Observed(NamedTuple):
@@ -142,8 +151,8 @@ class QuantitySet:
     def state_labels(self) -> list[str]:
         """One per state: 'lift at required', '31 kPa'; a scene without a state: 'limit'."""
         labels = []
-        for scene, at in self.states:
-            words = "limit" if at is None else state_label(at)
+        for place, (scene, at) in enumerate(self.states):
+            words = "limit" if at is None else self.quantities[self.state_of.index(place)].state_label()
             labels.append(f"{scene} at {words}" if self.several else words)
         return labels
 
@@ -292,6 +301,9 @@ def named(quantity: Quantity, scenes: Scenes) -> Quantity:
     at = quantity.at
     if isinstance(at, str) and at != REQUIRED:
         raise InputError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
+    if isinstance(at, tuple):
+        kinds = scenes[quantity.scene].prepared().OBSERVABLES
+        return dataclasses.replace(quantity, at_kind=kinds.get(at[0], "number"))
     return quantity
 
 

@@ -36,12 +36,24 @@ def test_a_folder_holds_table_picture_and_report(tmp_path, capsys):
     asked = ["path", CYLINDER, "--to-kPa", "25", "--points", "6"]
     assert run([*asked, "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said == f"The curve is in {out}: config.toml, curve.csv, curve.png, report.html.\n"
+    assert said == f"The curve is in {out}: config.toml, curve.csv, curve.png, report.html, result.json.\n"
     assert run([*asked, "--csv", str(file)]) == 0
     assert (out / "curve.csv").read_text() == file.read_text()
     page = (out / "report.html").read_text()
     assert "--points 6" in page
     assert "1 BEYOND_LIMIT" in page
+    # Written again, and beside another, the report says the same command.
+    assert run(["report", str(out)]) == 0
+    page = (out / "report.html").read_text()
+    assert "<h1>softgrip path: curve</h1>" in page
+    assert ">softgrip path config.toml --from-kPa 0 --to-kPa 25 --points 6</pre>" in page
+    both = tmp_path / "both.html"
+    assert run(["report", str(out), str(out), "--out", str(both)]) == 0
+    assert f"softgrip path {out}/config.toml --from-kPa 0 --to-kPa 25 --points 6</pre>" in both.read_text()
+    both.unlink()
+    (out / "result.json").unlink()
+    assert run(["report", str(out)]) == MISTAKE
+    assert (out / "report.html").read_text() == page
     capsys.readouterr()
     assert run([*asked, "--out", str(out)]) == MISTAKE
     assert f"{out} exists already" in capsys.readouterr().err
@@ -53,7 +65,7 @@ def test_a_folder_holds_table_picture_and_report(tmp_path, capsys):
 def test_a_curve_without_a_state_leaves_its_table_and_the_reasons(tmp_path, capsys):
     out = tmp_path / "curve"
     assert run(["path", CYLINDER, "--to-kPa", "1", "--points", "3", "--out", str(out)]) == NO_ANSWER
-    assert {path.name for path in out.iterdir()} == {"config.toml", "curve.csv", "report.html"}
+    assert {path.name for path in out.iterdir()} == {"config.toml", "curve.csv", "report.html", "result.json"}
     assert "3 NO_CONTACT" in (out / "report.html").read_text()
     assert "There is no state on this curve" in capsys.readouterr().err
 

@@ -16,6 +16,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 import softgrip_jax as sg
 from softgrip_jax import plots
 from softgrip_jax.geometry import walls
+from softgrip_jax.plots import figures
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
 from softgrip_jax.solvers.path_limits import branch_marks
 from softgrip_jax.study.dataset import DESIGN
@@ -230,6 +231,20 @@ def test_designs_of_many_numbers_are_lines_through_parallel_axes():
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["grey: beyond limit"]
 
 
+def test_designs_without_a_limit_cross_their_axis_above_its_numbers():
+    limit, status = np.array([20e3, np.inf, 30e3]), np.zeros(3, int)
+    words = {"long_name": "limit pressure", "kind": "pressure", "status": "status_limit"}
+    data = {"limit_pressure": (DESIGN, limit, words), "status_limit": (DESIGN, status, {})}
+    figure = plots.study(xr.Dataset(data, {"shell.a": (DESIGN, np.array([1.0, 2.0, 3.0]) * mm, {"kind": "length"})}))
+    (ax,) = figure.axes
+    check_no_word_is_cut(figure)
+    (lines,) = ax.collections
+    ends = np.array(lines.get_segments())[:, 1, 1]
+    np.testing.assert_allclose(ends[[0, 2]], [0, 1])
+    assert 1 < ends[1] < ax.get_ylim()[1]
+    assert [text.get_text() for text in ax.texts if text.get_position()[1] > 1] == ["no limit"]
+
+
 def test_a_grid_over_three_numbers_has_a_picture():
     values = np.arange(24.0).reshape(2, 3, 4)
     axes = {
@@ -398,6 +413,27 @@ def test_the_curve_goes_through_the_limit_point():
     assert limit == pytest.approx(20.1756, rel=1e-5)
     assert np.interp(15, rising[:, 1], rising[:, 0]) == pytest.approx(13.4067, rel=1e-3)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("inflation (mm)", "pressure (kPa)")
+
+
+def test_a_limit_behind_states_that_cannot_be_is_not_marked():
+    """The chambers of type A overlap from 33.6 kPa on; its branch ends at 41.7 kPa."""
+    ax = plots.pressure_curve(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A")))
+    rising, falling = ax.lines
+    assert np.nanmax(rising.get_ydata()) == pytest.approx(33.6, abs=0.2)
+    assert np.isnan(rising.get_ydata()[-1])
+    assert np.isnan(falling.get_ydata()).all()
+    assert not ax.texts
+
+
+def test_a_curve_has_gaps_where_states_are_not_ok(monkeypatch):
+    scene = sg.shell.Free(shell())
+    curve = sg.branch(scene)
+    broken = dataclasses.replace(curve, status=curve.status.at[5:9].set(int(sg.Status.IMPOSSIBLE)))
+    monkeypatch.setattr(figures, "branch", lambda scene: broken)
+    rising, _, mark = plots.pressure_curve(scene).lines
+    gaps = np.flatnonzero(np.isnan(rising.get_xdata()))
+    np.testing.assert_array_equal(gaps, [5, 6, 7, 8])
+    assert mark.get_ydata()[0] == pytest.approx(20.1756, rel=1e-5)
 
 
 def test_convergence_shows_the_history():

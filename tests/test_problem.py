@@ -175,8 +175,8 @@ def test_scales_come_from_the_first_design_that_gives_one():
     scaling.learn([1.0, 1.0, 1.0, 1.0])  # what is known stays
     assert scaling.scales == (pytest.approx((3e3, 5.0, 1.2, 1.0)), pytest.approx((1.0, 7 * mm)))
     assert scaling.remarks()[0] == (
-        "lift.pressure at force 2 has no size at the starting design: its scale is 3 kPa, its size at the first design "
-        "that has one; the key scale beside it sets another."
+        "lift.pressure at force 2 N has no size at the starting design: its scale is 3 kPa, its size at the first "
+        "design that has one; the key scale beside it sets another."
     )
     assert len(scaling.remarks()) == 3
 

@@ -153,6 +153,27 @@ def test_mistakes_are_one_sentence(tmp_path, capsys):
     assert "there is no config.toml in it" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("config.toml", b"[scene"),
+        ("config.toml", b"# \xff"),
+        ("result.json", b"{"),
+        ("result.json", b"[1]"),
+        ("found.csv", b"a,b\n\xff,1\n"),
+        ("summary.txt", b"\xff"),
+    ],
+)
+def test_a_damaged_file_of_a_run_is_one_sentence(tmp_path, capsys, name, content):
+    (tmp_path / "config.toml").write_text(CONFIG.format(distance=5.0), encoding="utf-8")
+    (tmp_path / name).write_bytes(content)
+    assert cli.run(["report", str(tmp_path)]) == cli.MISTAKE
+    said = capsys.readouterr().err
+    assert said.startswith(f"{tmp_path / name} cannot be read: ")
+    assert len(said.splitlines()) == 1
+    assert not (tmp_path / "report.html").exists()
+
+
 def test_the_report_of_a_curve(tmp_path):
     config, page = tmp_path / "flat.toml", tmp_path / "curve.html"
     config.write_text(CONFIG.format(distance=5.0), encoding="utf-8")

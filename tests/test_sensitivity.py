@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from conftest import ROOT
 from helpers import shell
+from rich.console import Console
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
@@ -173,6 +174,33 @@ def test_what_does_not_matter_has_no_bar(found):
     (nothing,) = [ax for ax in axes if ax.get_title(loc="left") == "flat_length at 15 kPa"]
     assert nothing.get_xlim() == (-1, 1)
     assert [text.get_text() for text in nothing.texts] == ["0"] * 6
+
+
+def test_what_is_not_known_has_no_bar_and_is_not_called_nothing(found):
+    partly = found.copy(deep=True)
+    partly["elasticity"].loc[{"quantity": "force at 15 kPa", "by": ["shell.b", "gap"]}] = np.nan
+    partly["elasticity"].loc[{"quantity": "flat_length at 15 kPa"}] = np.nan
+    first, _, nothing, _ = plots.elasticities(partly).axes
+    assert [text.get_text() for text in first.texts].count("-") == 2
+    assert sorted(bar.get_width() for bar in first.patches).count(0) == 2
+    assert [text.get_text() for text in nothing.texts] == ["-"] * 6
+    assert len(nothing.get_yticks()) == 6
+
+
+def test_no_limit_is_an_answer_and_has_no_mean(capsys):
+    scene = sg.shell.Free(sg.FlatShell(a=16 * mm, b=43 * mm, t_m=T, material=sg.MooneyRivlin(c1=80 * kPa, c2=10 * kPa)))
+    asked = [sg.Quantity("limit_pressure"), sg.Quantity("limit_margin", 12 * kPa)]
+    data = sensitivity({"scene": scene}, ["shell.material.c2"], asked, [10 * kPa], 200)
+    assert np.all(np.isinf(data["value"]))
+    assert np.all(data["answered"] == 1)
+    assert np.all(np.isfinite(data["mean_by_sampling"]))
+    assert np.all((data["mean_by_sampling"] > 0) & (data["mean_by_sampling"] < 1e5))
+    section.report(data, Console(width=200))
+    said = capsys.readouterr().out
+    (values,) = [line for line in said.splitlines() if line.startswith("│ value")]
+    assert values.count("none") == 2
+    assert "inf" not in said
+    assert "1e+06" not in said
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from softgrip_jax import config as configs
 from softgrip_jax import plots
 from softgrip_jax.cli import run
 from softgrip_jax.commands import sweep
-from softgrip_jax.errors import ConfigError
+from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table, store
 from softgrip_jax.study import study as chunks
@@ -437,14 +437,18 @@ def test_quantiles_are_those_of_numpy_whatever_the_numbers_are():
     values = np.exp(rng.normal(0, 30, shape)) * rng.choice([-1, 1], shape)
     values[rng.random(shape) < 0.2] = np.nan
     values[:5], values[5] = -0.0, 1.0
+    values[6] = np.inf
+    status = np.where(rng.random(shape) < 0.1, int(Status.NO_CONTACT), int(Status.OK))
     attributes = {"status": "status_x"}
     table = {"one": (("a", "b"), values, attributes), "same": (("a", "b"), np.full(shape, 2.5), attributes)}
     table["none"] = (("a", "b"), np.full(shape, np.nan), attributes)
+    table["status_x"] = (("a", "b"), status, {})
     parts = [0.0, 0.013, 0.25, 0.5, 0.77, 1.0]
     found = quantiles(xr.Dataset(table), ["one", "same", "none"], parts)
-    known = values[np.isfinite(values)]
+    known = values[~np.isnan(values) & (status == Status.OK)]
     assert found["one"][0] == known.size
-    np.testing.assert_allclose(found["one"][1], np.quantile(known, parts), rtol=1e-12)
+    assert found["one"][1][-1] == np.inf
+    np.testing.assert_allclose(found["one"][1][:-1], np.quantile(known, parts[:-1]), rtol=1e-12)
     assert np.all(found["same"][1] == 2.5)
     assert found["none"][0] == 0
     assert np.all(np.isnan(found["none"][1]))
@@ -466,8 +470,10 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
     assert run(["summary", str(whole), *words, "--json", "--count", "3", "--plot", str(picture)]) == 0
     told = json.loads(capsys.readouterr().out)
     assert [row["design"] for row in told["best"]] == list(numbers)
-    median = frame["force_at_12_kPa"][np.isfinite(frame["force_at_12_kPa"])].median()
-    assert told["quantities"]["force_at_12_kPa"]["median"] == pytest.approx(median, rel=1e-12)
+    forces = frame["force_at_12_kPa"][frame["status_12_kPa"] == Status.OK]  # the zeros of NO_CONTACT are no answers
+    assert (frame["status_12_kPa"] == Status.NO_CONTACT).any()
+    assert told["quantities"]["force_at_12_kPa"]["answered"] == len(forces)
+    assert told["quantities"]["force_at_12_kPa"]["median"] == pytest.approx(forces.median(), rel=1e-12)
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -484,6 +490,90 @@ def test_mistakes_about_a_summary_are_one_sentence(finished, capsys, words, sent
     said = capsys.readouterr().err
     assert sentence in said
     assert len(said.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (
+            lambda store: spoil(store / "force_at_12_kPa" / "c" / "1"),
+            "force_at_12_kPa cannot be read: Stored and computed",
+        ),
+        (lambda store: spoil(store / "shell.a" / "c" / "1"), "shell.a cannot be read: Stored and computed checksum"),
+        (
+            lambda store: (store / "status_12_kPa" / "c" / "1").unlink(),
+            "status_12_kPa cannot be read: a chunk is missing",
+        ),
+        (
+            lambda store: (store / "reason_12_kPa" / "c" / "1").unlink(),
+            "reason_12_kPa cannot be read: a chunk is missing",
+        ),
+        (lambda store: shutil.rmtree(store / "force_at_12_kPa"), "it lacks force_at_12_kPa"),
+        (lambda store: (store / "force_at_12_kPa" / "zarr.json").write_text("{"), "study.zarr cannot be read"),
+    ],
+)
+def test_a_damaged_study_is_one_sentence(finished, tmp_path, capsys, damage, sentence):
+    """With its name, whether numbers or a picture are asked for."""
+    place = tmp_path / "damaged"
+    shutil.copytree(finished[0], place)
+    damage(place / STORE)
+    words = ["--best", "shell.a_mm", "--plot", str(tmp_path / "study.png")]
+    assert run(["summary", str(place), *words]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert sentence in said
+    assert f"{place / STORE}" in said
+
+
+def spoil(chunk):
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 1
+    chunk.write_bytes(content)
+
+
+@pytest.fixture(scope="module")
+def endless(tmp_path_factory):
+    """Free membranes that differ in their second constant: the first has a limit pressure, the others have none."""
+    place = tmp_path_factory.mktemp("endless")
+    material = sg.MooneyRivlin(c1=80 * kPa, c2=0.0)
+    scene = sg.shell.Free(sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=material))
+    asked = [sg.Quantity("limit_pressure"), sg.Quantity("limit_margin", PRESSURE)]
+    study = sg.Study(scene, ["shell.material.c2"], asked, Grid([np.array([0.0, 20.0, 30.0]) * kPa]), gradients=True)
+    run_in(place, study, "x")
+    return place, scene
+
+
+def test_no_limit_is_an_answer_without_an_end(endless, capsys):
+    place, scene = endless
+    limit = float(sg.limit_pressure(scene))
+    with sg.load_study(place) as data:
+        np.testing.assert_allclose(data.limit_pressure, [limit, np.inf, np.inf])
+        np.testing.assert_allclose(data.limit_margin_at_12_kPa, [limit / PRESSURE, np.inf, np.inf])
+        assert np.isnan(data.slope_of_limit_margin_at_12_kPa[1:]).all()
+    assert run(["summary", str(place), "--best", "limit_pressure_kPa", "--most", "--json"]) == 0
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert [row["design"] for row in told["best"]] == [1, 2, 0]
+    for name, least in (("limit_pressure", limit), ("limit_margin_at_12_kPa", limit / PRESSURE)):
+        found = told["quantities"][name]
+        assert (found["answered"], found["median"], found["most"]) == (3, None, None)
+        assert found["least"] == pytest.approx(least)
+    assert "inf" not in said.err
+    assert "1e+06" not in said.err
+    assert said.err.count("none") > 10
+
+
+def test_no_limit_has_its_place_in_pictures(endless):
+    with sg.load_study(endless[0]) as data:
+        curve = data.load()
+    (pressures, margins) = plots.study(curve).axes
+    for ax in (pressures, margins):
+        assert [text.get_text() for text in ax.get_legend().get_texts()] == ["no limit"]
+        assert np.isfinite(ax.get_ylim()).all()
+        assert np.isfinite(ax.lines[0].get_ydata()).tolist() == [True, False, False]
+    two = xr.concat([curve, curve], xr.DataArray([1.0, 2.0], dims="radius", attrs={"kind": "length"}))
+    maps = [ax for ax in plots.study(two).axes if ax.get_title(loc="left")]
+    assert [[text.get_text() for text in ax.get_legend().get_texts()] for ax in maps] == [["no limit"]] * 2
 
 
 def test_a_study_that_cannot_end_is_refused_at_once(config, tmp_path, capsys, monkeypatch):
@@ -613,7 +703,66 @@ def test_a_folder_of_something_else_is_left_alone(config, tmp_path, capsys):
     assert [path.name for path in out.iterdir()] == ["thesis.docx"]
 
 
+def test_the_folder_of_another_run_is_left_alone_where_the_store_is_elsewhere(config, tmp_path, capsys):
+    out = small(config, tmp_path)
+    to = ["--to", str(out / "mine.zarr"), "--out", str(out)]
+    assert run(["sweep", str(config), *to]) == 0  # a store in the folder has its own name
+    assert run(["sweep", str(config), *to]) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
+    config.write_text(config.read_text().replace("distance_mm = 5", "distance_mm = 6"))
+    capsys.readouterr()
+    assert run(["sweep", str(config), "--to", str(tmp_path / "other.zarr"), "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"--out {out} holds something else than this study; give a new folder.\n"
+    assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
+    assert not (tmp_path / "other.zarr").exists()
+
+
+def test_labels_have_units_and_never_merge_two_states():
+    scene, walls = sg.shell.Free(shell()), Grid([np.array([1.0, 1.1]) * mm])
+    asked = [sg.Quantity("pressure", at) for at in (("inflation", 10 * mm), ("clamp_angle", np.pi / 3), 31 * kPa)]
+    study = sg.Study(scene, ["shell.t_m"], asked, walls)
+    assert study.asked.labels() == [
+        "pressure at inflation 10 mm",
+        "pressure at clamp_angle 60 deg",
+        "pressure at 31 kPa",
+    ]
+    assert study.asked.state_labels() == ["inflation 10 mm", "clamp_angle 60 deg", "31 kPa"]
+    asked = [sg.Quantity("inflation", at) for at in (15.00001 * kPa, 15.00004 * kPa)]
+    with pytest.raises(InputError, match="would be called inflation_at_15_kPa"):
+        sg.Study(scene, ["shell.t_m"], asked, walls)
+
+
 # --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def grid_of(*axes):
+    """A study of the sum of its numbers, of which those above 7 have no answer."""
+    dims = ("a", "b")[: len(axes)]
+    values = sum(np.meshgrid(*axes, indexing="ij"))
+    status = np.where(values > 7, int(Status.BEYOND_LIMIT), int(Status.OK))
+    words = {"long_name": "force at 1 kPa", "kind": "number", "status": "status_1_kPa"}
+    data = {"force": (dims, values, words), "status_1_kPa": (dims, status, {})}
+    return xr.Dataset(data, {d: (d, axis, {"kind": "number"}) for d, axis in zip(dims, axes, strict=True)})
+
+
+def test_a_grid_is_drawn_in_the_order_of_its_numbers():
+    values = np.array([3.0, 9.0, 1.0, 5.0])
+    (ax,) = plots.study(grid_of(values)).axes
+    np.testing.assert_array_equal(ax.lines[0].get_xdata(), [1, 3, 5, 9])
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), [1, 3, 5, np.nan])
+    assert ax.get_xlim() == (1, 9)
+    ax = plots.study(grid_of(values, values[::-1])).axes[0]
+    assert ax.get_xlim() == ax.get_ylim() == (1, 9)
+    sums = np.add.outer(*[np.sort(values)] * 2)
+    np.testing.assert_array_equal(ax.collections[0].get_array().filled(np.nan), np.where(sums > 7, np.nan, sums))
+    hatched = np.concatenate([path.vertices for path in ax.collections[1].get_paths()])
+    assert np.all(hatched.sum(axis=1) > 6)  # none over a design that has an answer
+
+
+def test_neighbours_without_an_answer_are_one_span():
+    (ax,) = plots.study(grid_of(np.linspace(0, 10, 2001))).axes
+    (span,) = ax.patches
+    assert (span.get_x(), span.get_x() + span.get_width()) == pytest.approx((7.0025, 10))
 
 
 def test_maps_hatch_and_name_what_has_no_answer(data):

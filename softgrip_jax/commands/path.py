@@ -106,11 +106,8 @@ def run_path(
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
     if page is not None:
-        options = ["--from-kPa", f"{from_kpa:.12g}", *([] if to_kpa is None else ["--to-kPa", f"{to_kpa:.12g}"])]
-        options += ["--points", str(points), *(["--through-limit"] if through_limit else [])]
-        options += [] if observable is None else ["--observable", observable]
-        words = shlex.join(["softgrip", "path", str(config), *options, *(["--scene", scene] if scene else [])])
-        text = page_of(curve, shown, limit, config, words, scene)
+        asked_for = from_kpa, to_kpa, points, through_limit, observable, scene
+        text = page_of(curve, shown, limit, config, shlex.join(command_of(str(config), *asked_for)), scene)
         write_whole(page, text.encode())
         tell_of("The report", page, as_json)
     if not good.any() and not stopped:
@@ -138,12 +135,31 @@ def run_path(
     return True
 
 
+def command_of(
+    config: str,
+    from_kpa: float,
+    to_kpa: float | None,
+    points: int,
+    through_limit: bool,
+    observable: str | None,
+    scene: str | None,
+) -> list[str]:
+    """The words of the command that finds the same curve again."""
+    options = ["--from-kPa", f"{from_kpa:.12g}", *([] if to_kpa is None else ["--to-kPa", f"{to_kpa:.12g}"])]
+    options += ["--points", str(points), *(["--through-limit"] if through_limit else [])]
+    options += [] if observable is None else ["--observable", observable]
+    return ["softgrip", "path", config, *options, *(["--scene", scene] if scene else [])]
+
+
 def run_path_into(out: Path, config: Path, *options: Any) -> bool:
-    """The same with all its files in a new folder: the config, curve.csv, curve.png where there is a state to draw, and
-    report.html. The options are those of `run_path` up to as_json. Stopped by Ctrl-C it holds the rows until then."""
+    """The same with all its files in a new folder: the config, curve.csv, curve.png where there is a state to draw,
+    report.html, and result.json with the command. The options are those of `run_path` up to as_json. Stopped by Ctrl-C
+    it holds the rows until then."""
     stopped = False
     with new_folder(out, config.stem) as (folder, final):
-        keep_inputs(folder, config, ["curve.csv"])
+        keep_inputs(folder, config, ["curve.csv", "result.json"])
+        command = {"command": command_of("config.toml", *options[:-1])}
+        (folder / "result.json").write_text(json.dumps(command, indent=2), encoding="utf-8")
         table = folder / "curve.csv"
         files = {"csv_file": table, "plot": folder / "curve.png", "animate": None, "page": folder / NAME}
         try:

@@ -26,13 +26,13 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
-from ..config.keys import Table, Varied, all_numbers, quantity, states_of, varied
+from ..config.keys import Seed, Table, Varied, all_numbers, quantity, states_of, varied
 from ..draws import read_draws
 from ..errors import ConfigError, located
 from ..folders import contents, new_folder
 from ..parameters import Parameter
 from ..progress import stages
-from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of
+from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of, shown
 from ..report.run import tell_and_keep, write_report
 from ..results import Status, in_units
 from ..study import sensitivity
@@ -51,7 +51,7 @@ class SensitivityTable(Table):
     observables: list[ObservableTable] = []
     posterior: str | None = None
     samples: int = pydantic.Field(default=10_000, ge=100, le=100_000_000)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
 
 
 class Wanted(NamedTuple):
@@ -201,7 +201,7 @@ def report(data: xr.Dataset, console: Console) -> None:
         # Spaces are where a heading may be broken into lines.
         table.add_column(name.replace("_", " "), justify="right")
     values = zip(data["value"].values, data["kind"].values, data["status"].values, strict=True)
-    table.add_row("value", *(in_units(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
+    table.add_row("value", *(shown(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
     table.add_section()
     for by in data["by"].values:
         table.add_row(str(by), *(_signed(v) for v in data["elasticity"].sel(by=by).values))
@@ -216,7 +216,7 @@ def report(data: xr.Dataset, console: Console) -> None:
         share = np.nan_to_num(row["share"].values)
         table.add_row(
             name.replace("_", " "),
-            in_units(row["value"].values, kind),
+            shown(row["value"].values, kind),
             in_units(row["deviation_by_gradient"].values, kind),
             f"{in_units(row['deviation_by_sampling'].values, kind)} ± {_number(row['deviation_error'].values, kind)}",
             f"{float(row['answered']):.1%}",

@@ -12,9 +12,9 @@ import xarray as xr
 from rich.console import Console
 
 from ..errors import ConfigError
+from ..quantities import shown
 from ..reasons import Reason
-from ..results import in_units
-from ..study.dataset import designs_in, quantities_of, rows_of, varied_in
+from ..study.dataset import designs_in, loaded, quantities_of, rows_of, varied_in
 from ..study.store import opened
 from ..study.summary import best, condition, known_key, quantiles, reason_counts
 from ..tables import Table
@@ -75,7 +75,7 @@ def tell_quantities(data: xr.Dataset, parts: dict[str, float], console: Console)
     found: dict[str, Any] = {}
     for name, (answered, values) in quantiles(data, names, list(parts.values())).items():
         words = data[name].attrs
-        table.add_row(words["long_name"], *(in_units(v, words["kind"]) for v in values))
+        table.add_row(words["long_name"], *(shown(v, words["kind"]) for v in values))
         found[name] = {"unit": words["units"], "answered": answered}
         found[name] |= dict(zip(parts, map(plain, values), strict=True))
     console.print(table)
@@ -92,8 +92,8 @@ def _tell_best(
     found = []
     for k, number in enumerate(chosen.tolist()):
         values = [float(rows[name].values[k]) for name in names]
-        shown = [in_units(v, data[n].attrs["kind"]) for v, n in zip(values, names, strict=True)]
-        table.add_row(str(number), *shown)
+        cells = [shown(v, data[n].attrs["kind"]) for v, n in zip(values, names, strict=True)]
+        table.add_row(str(number), *cells)
         found.append({"design": number} | {n: plain(v) for n, v in zip(names, values, strict=True)})
     console.print(table)
     return found
@@ -107,4 +107,4 @@ def draw(data: xr.Dataset, path: Path) -> None:
     if count > LINES and (len(dims) != 1 or dims[0] not in data.coords) and sum(data.sizes[d] > 1 for d in dims) != 2:
         chosen = np.sort(np.random.default_rng(0).choice(count, LINES, replace=False))
         data = rows_of(data, chosen).assign_attrs(designs=count)
-    plots.study(data).savefig(path)
+    plots.study(loaded(data)).savefig(path)

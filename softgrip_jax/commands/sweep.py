@@ -34,7 +34,7 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
-from ..config.keys import Table, Varied, quantity, states_of, varied
+from ..config.keys import Seed, Table, Varied, quantity, states_of, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
 from ..parameters import Parameter
@@ -42,12 +42,12 @@ from ..progress import counted
 from ..quantities import State, solution_at
 from ..reasons import Reason
 from ..report.inputs import keep_inputs
-from ..report.run import tell_and_keep, write_report
+from ..report.run import NAME, WORDS, tell_and_keep, write_report
 from ..results import Status
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
 from ..study.dataset import status_name, write_csv
-from ..study.store import BEGUN, address_of, opened
+from ..study.store import BEGUN, STORE, address_of, opened
 from ..study.summary import reason_counts
 from .summary import draw, tell_quantities
 
@@ -71,7 +71,7 @@ class SweepTable(Table):
     variables: list[SweptVariable] = []
     observables: list[ObservableTable] = pydantic.Field(min_length=1)
     samples: int | None = pydantic.Field(default=None, ge=1, le=1_000_000_000)
-    seed: int = pydantic.Field(default=0, ge=0)
+    seed: Seed = 0
     file: str | None = None
     gradients: bool = False
 
@@ -259,6 +259,8 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
         if wanted is not None:
             check_folder(wanted)
     inputs = {} if folder is None else _inputs(config)
+    if folder is not None and where.to is not None:
+        _refuse_another_run(folder, inputs, Path(address_of(place)))
     with counted(console, "designs", study.designs.count) as count, _spread_over(where) as spread:
         run_in(
             place,
@@ -288,6 +290,23 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     console.print(f"In Python: softgrip_jax.load_study({place!r})", soft_wrap=True)
     found = {} if folder is None else {"folder": str(folder)}
     return found | {"store": address_of(place), "quantities": told}, reasons
+
+
+OUTPUTS = (STORE, "study.png", "study.csv", WORDS, NAME)
+"""What a study leaves in its folder beside its inputs."""
+
+
+def _refuse_another_run(folder: Path, inputs: dict[Path, bytes], store: Path) -> None:
+    """A ConfigError where the folder of a study whose store is given holds anything but this very study."""
+    known = {*OUTPUTS, *(name.parts[0] for name in inputs)}
+    there = [
+        path.name
+        for path in (folder.iterdir() if folder.is_dir() else ())
+        if not path.name.startswith(".") and not store.resolve().is_relative_to(path.resolve())
+    ]
+    same = all((folder / name).is_file() and (folder / name).read_bytes() == own for name, own in inputs.items())
+    if there and not (same and known.issuperset(there)):
+        raise ConfigError(f"--out {folder} holds something else than this study; give a new folder.")
 
 
 def _inputs(config: Path) -> dict[Path, bytes]:

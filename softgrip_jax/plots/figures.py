@@ -175,7 +175,8 @@ def has_picture(scene: Scene) -> bool:
 def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, label: str = "") -> Axes:
     """Pressure against an observable, through the limit point.
 
-    Behind the limit, where equilibrium exists at a given volume but not at a given pressure, the curve is dashed.
+    Behind the limit, where equilibrium exists at a given volume but not at a given pressure, the curve is dashed. It
+    has gaps where states are not OK, and no mark at the limit where that is one of them.
 
     Args:
         scene: what to show.
@@ -197,15 +198,16 @@ def pressure_curve(scene: Any, observable: str = "", ax: Axes | None = None, lab
         raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {', '.join(known)}.")
     curve, limit = branch(scene), float(limit_pressure(scene))
     unit_label, unit = DISPLAY[known[name]]
-    good = np.asarray(curve.status) == Status.OK
-    x, y = np.asarray(curve.observables[name])[good] / unit, np.asarray(curve.pressure)[good] / kPa
-    top = int(np.argmax(y)) if np.isfinite(limit) else len(y) - 1
+    good, pressure = np.asarray(curve.status) == Status.OK, np.asarray(curve.pressure)
+    x, y = (np.where(good, v, np.nan) for v in (np.asarray(curve.observables[name]) / unit, pressure / kPa))
+    top = int(np.nanargmax(pressure)) if np.isfinite(limit) else len(y) - 1
+    is_drawn = np.isclose(pressure[top], limit) and good[top]  # the limit is one of the points
     with mpl.rc_context(STYLE):
         own = ax is None
         ax = Figure(figsize=(WIDTH / 2, 2.5)).subplots() if ax is None else ax
         (line,) = ax.plot(x[: top + 1], y[: top + 1], color=None if label else BLUE, label=label or None)
         ax.plot(x[top:], y[top:], color=line.get_color(), linestyle=(0, (3, 2)))
-        if np.isfinite(limit):
+        if is_drawn:
             ax.plot(x[top], limit / kPa, "o", color=VERMILION, markersize=5, zorder=5)
             ax.annotate(
                 f"limit {limit / kPa:.4g} kPa",

@@ -1,7 +1,8 @@
 """Parameter studies as pictures: curves over one varied number, maps over two, parallel axes of more or of designs that
 are no grid, bars of elasticities.
 
-Where a design has no answer nothing is drawn: the region is hatched, and the legend says what its status is.
+Where a design has no answer nothing is drawn: the region is hatched, and the legend says what its status is. So is it
+where the answer is that there is no limit (inf): axes and colours are those of the finite values.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ from .figures import BLUE, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE, "#CC79A7", "#56B4E9", "#4D4D4D")
 LINES = ("-", (0, (5, 2)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-HATCHES = {
+NO_LIMIT = -1
+"""Beside the statuses: there is an answer, and it is that a scene has no limit."""
+HATCHES: dict[int, str] = {
+    NO_LIMIT: "\\\\\\\\",
     Status.NO_CONTACT: "....",
     Status.BEYOND_LIMIT: "////",
     Status.IMPOSSIBLE: "xxxx",
@@ -68,6 +72,7 @@ def study(data: xr.Dataset) -> Figure:
     data = data.isel({name: 0 for name in sizes if name not in axes})
     if not axes:
         raise InputError("A picture of a study needs a number that varies; this study is of one design.")
+    data = data.sortby(axes)
     if len(axes) == 2:
         return _figure(len(names), lambda k, ax: _map(data, names[k], axes, ax))
     groups: dict[str, list[str]] = {}
@@ -95,10 +100,9 @@ def _curves(data: xr.Dataset, observable: str, names: Sequence[str], axis: str, 
     """One observable against one number, a line per state."""
     x, x_label = _axis(data, axis)
     unit = DISPLAY[data[names[0]].attrs["kind"]]
-    ends: dict[Status, Any] = {}
+    ends: dict[int, Any] = {}
     for k, name in enumerate(names):
-        status = np.asarray(data[data[name].attrs["status"]])
-        values = np.where(status == Status.OK, np.asarray(data[name]), np.nan) / unit[1]
+        values, status = _drawn(data, name)
         state = data[name].attrs["long_name"].partition(" at ")[2]
         colour = COLOURS[k % len(COLOURS)]
         label = state if len(names) > 1 else None
@@ -111,9 +115,9 @@ def _curves(data: xr.Dataset, observable: str, names: Sequence[str], axis: str, 
             before, after = status[i], status[i + 1]
             if (before == Status.OK) != (after == Status.OK):
                 kind, at = (after, i) if before == Status.OK else (before, i + 1)
-                marker = {Status.NO_CONTACT: "o", Status.BEYOND_LIMIT: "X"}.get(Status(int(kind)), "s")
+                marker = {Status.NO_CONTACT: "o", Status.BEYOND_LIMIT: "X", NO_LIMIT: "^"}.get(int(kind), "s")
                 (point,) = ax.plot(x[at], values[at], marker, color=colour, markersize=5)
-                ends.setdefault(Status(int(kind)), point)
+                ends.setdefault(int(kind), point)
     ax.set_xlim(x[0], x[-1])
     if data[axis].size > 2 and _is_log(x):
         ax.set_xscale("log")
@@ -127,26 +131,30 @@ def _curves(data: xr.Dataset, observable: str, names: Sequence[str], axis: str, 
         ax.legend(handles, labels)
 
 
-def _shade(ax: Axes, x: np.ndarray, status: np.ndarray) -> dict[Status, Any]:
-    """Hatched spans where there is no answer; returns what the legend names."""
+def _drawn(data: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """(values of a quantity in the unit of people, NaN where nothing is drawn; why that is: a status, or NO_LIMIT)."""
+    status, values = np.asarray(data[data[name].attrs["status"]]), np.asarray(data[name])
+    status = np.where((status == Status.OK) & np.isinf(values), NO_LIMIT, status)
+    return np.where(status == Status.OK, values, np.nan) / DISPLAY[data[name].attrs["kind"]][1], status
+
+
+def _shade(ax: Axes, x: np.ndarray, status: np.ndarray) -> dict[int, Any]:
+    """Hatched spans where nothing is drawn; returns what the legend names."""
     middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
-    for kind in [s for s in Status if s != Status.OK and np.any(status == s)]:
-        for i in np.flatnonzero(status == kind):
-            ax.axvspan(middles[i], middles[i + 1], facecolor=HATCH_FACE, edgecolor="none", zorder=0)
+    kinds = [s for s in HATCHES if np.any(status == s)]
+    for kind in kinds:
         edges = np.diff(np.concatenate([[0], status == kind, [0]]).astype(int))
         for low, high in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
-            look = {"facecolor": "none", "edgecolor": HATCH_EDGE, "hatch": HATCHES[kind], "linewidth": 0.0, "zorder": 0}
-            ax.axvspan(middles[low], middles[high], **look)
-    return {s: _patch(s) for s in HATCHES if np.any(status == s)}
+            look = {"facecolor": HATCH_FACE, "edgecolor": HATCH_EDGE, "hatch": HATCHES[kind], "linewidth": 0.0}
+            ax.axvspan(middles[low], middles[high], **look, zorder=0)
+    return {s: _patch(s) for s in kinds}
 
 
 def _map(data: xr.Dataset, name: str, axes: Sequence[str], ax: Axes) -> None:
     """One quantity over two numbers."""
     (x, x_label), (y, y_label) = _axis(data, axes[0]), _axis(data, axes[1])
-    order = (axes[1], axes[0])
-    label, unit = DISPLAY[data[name].attrs["kind"]]
-    status = np.asarray(data[data[name].attrs["status"]].transpose(*order))
-    values = np.where(status == Status.OK, np.asarray(data[name].transpose(*order)), np.nan) / unit
+    label = DISPLAY[data[name].attrs["kind"]][0]
+    values, status = _drawn(data.transpose(axes[1], axes[0], ...), name)
     mesh = ax.pcolormesh(x, y, values, shading="nearest", cmap="viridis", rasterized=True)
     kinds = [s for s in HATCHES if np.any(status == s)]
     for kind in kinds:
@@ -197,7 +205,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
         labels.append(_stacked(data[name].attrs["long_name"] if name in names else name, unit[0]))
     rows = np.stack(columns, axis=1)
     status = np.stack([np.asarray(data[data[name].attrs["status"]])[chosen] for name in names], axis=1)
-    answered = np.all(status == Status.OK, axis=1) & np.all(np.isfinite(rows), axis=1)
+    answered = np.all(status == Status.OK, axis=1) & ~np.any(np.isnan(rows), axis=1)
     spans = [_ends(column) for name, column in zip([*numbers, *names], rows.T, strict=True)]
     logs = [k < len(numbers) and _spread_by_factors(column) for k, column in enumerate(rows.T)]
     places = np.stack([_place(c, s, log) for c, s, log in zip(rows.T, spans, logs, strict=True)], axis=1)
@@ -206,7 +214,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
         ax = figure.subplots()
         steps = np.arange(rows.shape[1])
         for line in places[~answered]:
-            shown = np.isfinite(line)
+            shown = ~np.isnan(line)
             ax.plot(steps[shown], line[shown], color="#BBBBBB", linewidth=0.5, alpha=0.6, zorder=1)
         if answered.any():
             by = rows[:, len(numbers)]
@@ -220,16 +228,18 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
                 zorder=2,
             )
             ax.add_collection(lines)
+        endless = np.any(np.isinf(rows), axis=0)
         for step, (low, high), log in zip(steps, spans, logs, strict=True):
             ax.axvline(step, color="black", linewidth=0.8, zorder=3)
-            for tick in np.linspace(0, 1, TICKS):
+            for tick in [*np.linspace(0, 1, TICKS), *([ABOVE] if endless[step] else [])]:
                 value = low * (high / low) ** tick if log else low + tick * (high - low)
+                words = f"{value:.3g}" if tick <= 1 else status_words(NO_LIMIT)
                 box = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8}
                 side = -1 if step == steps[-1] else 1
                 where = {"ha": "right" if side < 0 else "left", "va": "center", "fontsize": 7}
                 ax.plot([step, step + 0.03 * side], [tick, tick], color="black", linewidth=0.8, zorder=3)
-                ax.text(step + 0.05 * side, tick, f"{value:.3g}", bbox=box, zorder=4, **where)
-        ax.set(xlim=(-0.35, steps[-1] + 0.35), ylim=(-0.04, 1.04), yticks=[])
+                ax.text(step + 0.05 * side, tick, words, bbox=box, zorder=4, **where)
+        ax.set(xlim=(-0.35, steps[-1] + 0.35), ylim=(-0.04, 0.04 + (ABOVE if endless.any() else 1.0)), yticks=[])
         ax.set_xticks(steps, labels)
         ax.tick_params(axis="x", length=0)
         ax.spines[:].set_visible(False)
@@ -245,6 +255,8 @@ LINES_DRAWN = 400
 """Designs in a picture with parallel axes: more lines hide each other."""
 TICKS = 5
 """Marks on each parallel axis."""
+ABOVE = 1.1
+"""Where lines cross an axis on which they have no limit: above its largest number."""
 LONGEST = 14
 """Letters in a line under a parallel axis."""
 
@@ -276,9 +288,10 @@ def _ends(values: np.ndarray) -> tuple[float, float]:
 
 
 def _place(values: np.ndarray, ends: tuple[float, float], log: bool) -> np.ndarray:
-    """Where on its axis a value is, 0 to 1."""
+    """Where on its axis a value is, 0 to 1, and above that where there is no limit."""
     low, high = ends
-    return np.log(values / low) / np.log(high / low) if log else (values - low) / (high - low)
+    places = np.log(values / low) / np.log(high / low) if log else (values - low) / (high - low)
+    return np.minimum(places, ABOVE)
 
 
 def _spread_by_factors(values: np.ndarray) -> bool:
@@ -309,16 +322,16 @@ def elasticities(data: xr.Dataset) -> Figure:
         figure = Figure(figsize=(WIDTH * (0.6 if columns == 1 else 1.0), height))
         grid = figure.subplots(rows, columns, squeeze=False)
         for ax, quantity in zip(grid.ravel(), quantities, strict=False):
-            values = np.nan_to_num(np.asarray(data["elasticity"].sel(quantity=quantity)))
+            values = np.asarray(data["elasticity"].sel(quantity=quantity))
             values = np.where(np.abs(values) < NOTHING, 0.0, values)
-            order = np.argsort(np.abs(values), kind="stable")
+            order = np.argsort(np.nan_to_num(np.abs(values)), kind="stable")
             colours = [BLUE if v >= 0 else VERMILION for v in values[order]]
-            ax.barh([numbers[k] for k in order], values[order], color=colours, height=0.7)
+            ax.barh([numbers[k] for k in order], np.nan_to_num(values[order]), color=colours, height=0.7)
             ax.axvline(0, color="black", linewidth=0.8)
             ax.margins(x=0.3)
-            labels = [f"{v:+.2f}" if v else "0" for v in values[order]]
+            labels = ["-" if np.isnan(v) else f"{v:+.2f}" if v else "0" for v in values[order]]
             ax.bar_label(ax.containers[0], labels=labels, padding=2, fontsize=7)  # type: ignore[arg-type]
-            if not values.any():
+            if not np.nan_to_num(values).any():
                 ax.set_xlim(-1, 1)  # nothing matters: an axis of its own choice would show a scale of nothing
             ax.set_title(quantity, loc="left")
         for ax in grid.ravel()[len(quantities) :]:
@@ -363,12 +376,12 @@ def front(values: np.ndarray, labels: Sequence[str], kinds: Sequence[str], sense
     return figure
 
 
-def status_words(status: Status) -> str:
-    """A status as the legend names it."""
-    return status.name.lower().replace("_", " ")
+def status_words(status: int) -> str:
+    """A status as the legend names it, or NO_LIMIT."""
+    return "no limit" if status == NO_LIMIT else Status(status).name.lower().replace("_", " ")
 
 
-def _patch(status: Status) -> Patch:
+def _patch(status: int) -> Patch:
     return Patch(facecolor=HATCH_FACE, edgecolor=HATCH_EDGE, hatch=HATCHES[status], linewidth=0.4)
 
 

@@ -10,7 +10,8 @@ import shlex
 import time
 import tomllib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,7 +25,7 @@ from ..model_error import model_error
 from .document import Document, shown
 from .inputs import named_files
 
-NAME, WORDS = "report.html", "summary.txt"
+NAME, WORDS, CONFIG, MEASURED = "report.html", "summary.txt", "config.toml", "measured.toml"
 T = TypeVar("T")
 SECTIONS = ("design", "calibrate", "tension", "plan", "sweep", "sensitivity")
 """Sections of configs, by which a run is told from others; the command of a tension test is calibrate."""
@@ -36,22 +37,45 @@ UNCOMPARED = ("versions", "seconds", "units", "finished")
 """How results that say nothing of what was found begin."""
 ROUNDING = 1e-9
 """Changes that are relatively smaller, and numbers of no more than that, are rounding."""
-LEFT = {"sensitivity.nc": "sensitivity", "study.zarr": "sweep", "points.csv": "calibrate", "plan.csv": "plan"}
-"""What runs of a kind leave in their folders: a config may have sections for several, or none for this one."""
+LEFT = {
+    "sensitivity.nc": "sensitivity",
+    "study.zarr": "sweep",
+    "points.csv": "calibrate",
+    "plan.csv": "plan",
+    MEASURED: "measure",
+    "curve.csv": "",
+    "sheet.html": "",
+}
+"""What runs of a kind leave in their folders: a config may have sections for several, or none for this one. Without a
+kind: no config says all that such a run was asked."""
 FEW = 6
 """A table of at most so many rows, with more columns than that, stands on its side."""
 MOST_DESIGNS = 2000
 """Designs of a study that are read for its plot."""
 
 
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """A ConfigError with its name where a file of a run is damaged."""
+    try:
+        yield
+    except (OSError, ValueError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or str(error).rstrip(".")
+        raise ConfigError(f"{path} cannot be read: {why}.") from None
+
+
 def read_json(path: Path) -> dict[str, Any]:
     """A result.json; {} where there is none."""
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+    with _readable(path):
+        found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        if not isinstance(found, dict):
+            raise ValueError("it holds no table of names and values")
+    return found
 
 
 def read_table(path: Path) -> tuple[list[str], list[list[str]]]:
     """(head, rows) of a CSV."""
-    with path.open(newline="", encoding="utf-8") as file:
+    with _readable(path), path.open(newline="", encoding="utf-8") as file:
         head, *rows = list(csv.reader(file)) or [[]]
     return head, rows
 
@@ -79,23 +103,23 @@ def flat(value: Any, name: str = "") -> dict[str, Any]:
     return {name: value}
 
 
-def kind_of(config: dict[str, Any], folder: Path) -> str:
-    """What a run was: a file that only such a run leaves, or a section of its config."""
-    left = next((kind for name, kind in LEFT.items() if (folder / name).exists()), None)
-    return left or next((name for name in SECTIONS if name in config), "solve")
-
-
-def command_of(kind: str, file: str = "config.toml") -> str:
-    """The command that repeats a run."""
-    return shlex.join(["softgrip", "calibrate" if kind == "tension" else kind, file])
+def command_of(config: dict[str, Any], result: dict[str, Any], folder: Path) -> list[str]:
+    """The words of the command that repeats a run, typed in its folder: those that it has kept in its result.json, or
+    what a file says that only such a run leaves, or a section of its config."""
+    kinds = [kind for name, kind in LEFT.items() if (folder / name).exists()] + [n for n in SECTIONS if n in config]
+    if "command" not in result and kinds[:1] in ([], [""]):
+        raise ConfigError(f"{folder} is no run that softgrip report can tell of: it has not kept its command.")
+    further = [MEASURED] if kinds[:1] == ["measure"] else []
+    return result.get("command") or ["softgrip", kinds[0].replace("tension", "calibrate"), CONFIG, *further]
 
 
 def config_of(folder: Path) -> dict[str, Any]:
     """The config of a run; ConfigError where the folder is none."""
-    path = folder / "config.toml"
+    path = folder / CONFIG
     if not path.is_file():
         raise ConfigError(f"{folder} is not a run: there is no config.toml in it.")
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+    with _readable(path):
+        return tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def tell_and_keep(folder: Path, console: Console, tell: Callable[[Console], T]) -> T:
@@ -112,28 +136,29 @@ def tell_and_keep(folder: Path, console: Console, tell: Callable[[Console], T]) 
 def write_report(folder: Path, name: str | None = None) -> Path:
     """Write report.html into the folder of a run, from its files; `name`: the folder's name in the end."""
     config, result = config_of(folder), read_json(folder / "result.json")
-    kind = kind_of(config, folder)
-    page = Document(f"softgrip {'calibrate' if kind == 'tension' else kind}: {name or folder.name}")
+    command = command_of(config, result, folder)
+    page = Document(f"softgrip {command[1]}: {name or folder.name}")
     page.heading("What was asked")
-    page.code((folder / "config.toml").read_text(encoding="utf-8"))
+    page.code((folder / CONFIG).read_text(encoding="utf-8"))
     page.heading("What came out")
     if (folder / WORDS).is_file():
-        page.printed((folder / WORDS).read_text(encoding="utf-8"))
+        with _readable(folder / WORDS):
+            page.printed((folder / WORDS).read_text(encoding="utf-8"))
     for picture in sorted(folder.glob("*.png")):
         page.picture(picture)
-    if result:
+    scalars = {k: v for k, v in flat(result).items() if not isinstance(v, list) or len(v) <= 4}
+    if scalars:
         page.heading("Every number")
-        scalars = {k: v for k, v in flat(result).items() if not isinstance(v, list) or len(v) <= 4}
         page.table(["", "value (SI where a unit is not said)"], [[k, v] for k, v in scalars.items() if k != "units"])
     for table in sorted(folder.glob("*.csv")):
-        _add_table(page, table, with_plot=kind != "sweep")
+        _add_table(page, table, with_plot=command[1] != "sweep")
     _add_study(page, folder)
     _add_model_error(page, _scenes_of(folder))
     made = result.get("versions") or {"softgrip_jax": __version__, "python": platform.python_version()}
     finished = result.get("finished", time.strftime("%Y-%m-%dT%H:%M:%S%z"))
     rows = [["finished", finished], *([name, version] for name, version in made.items())]
     rows.append(["device", result.get("device", platform.machine())])
-    _add_provenance(page, rows, how_to_repeat(folder, config), command_of(kind))
+    _add_provenance(page, rows, how_to_repeat(folder, config), shlex.join(command))
     write_whole(folder / NAME, page.html().encode())
     return folder / NAME
 
@@ -225,7 +250,7 @@ def _cell(text: str) -> Any:
 
 def _add_study(page: Document, folder: Path) -> None:
     """The designs of a study that stands beside."""
-    if not (folder / "study.zarr").exists() and not list(folder.glob("*.zarr")):
+    if not (folder / "study.zarr").exists():
         return
     from ..study import load_study
     from ..study.dataset import designs_in, quantities_of, rows_of, states_of
@@ -242,6 +267,8 @@ def _add_study(page: Document, folder: Path) -> None:
         words = f"{count} designs; one in {step} is drawn." if step > 1 else f"{count} designs."
         if (worst != "OK").any():
             words += " Those in orange are not OK in one state at least."
+        if any(np.isinf(column).any() for column in columns.values()):
+            words += " Those without a limit are not drawn where it is asked for."
         with page.together():
             page.heading("Study")
             page.text(words)
@@ -292,8 +319,10 @@ def _add_model_error(page: Document, scenes: dict[str, Any]) -> None:
 def compare_runs(first: Path, second: Path, out: Path) -> Path:
     """Write a page about two runs: inputs that differ, results side by side."""
     folders = (first, second)
-    configs_of = [flat(config_of(folder)) for folder in folders]
-    results = [flat(read_json(folder / "result.json")) for folder in folders]
+    given = [config_of(folder) for folder in folders]
+    found = [read_json(folder / "result.json") for folder in folders]
+    commands = [command_of(*of_one) for of_one in zip(given, found, folders, strict=True)]
+    configs_of, results = [[flat(one) for one in every] for every in (given, found)]
     page = Document(f"{first.name} and {second.name}")
     page.heading("Inputs that differ")
     rows = [[key, *(c.get(key) for c in configs_of)] for key in dict.fromkeys(k for c in configs_of for k in c)]
@@ -326,8 +355,8 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
                 page.picture(folder / picture, folder.name)
     with page.together():
         page.heading("How to repeat them")
-        for folder in folders:
-            page.code(command_of(kind_of(config_of(folder), folder), str(folder / "config.toml")))
+        for folder, command in zip(folders, commands, strict=True):
+            page.code(shlex.join([str(folder / word) if word in (CONFIG, MEASURED) else word for word in command]))
     write_whole(out, page.html().encode())
     return out
 

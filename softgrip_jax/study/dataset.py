@@ -3,8 +3,8 @@
 A grid has one dimension per varied number; other sets have the one dimension "design", along which the varied numbers
 are coordinates. Every quantity is a variable with its unit; every state has a variable "status_..." of small integers,
 whose attributes name them (CF conventions: flag_values, flag_meanings), and in the same way a variable "reason_...",
-why there is no answer (`Reason`). Where gradients were asked for, every quantity has its derivatives, "slope_of_...",
-with the further dimension "by".
+why there is no answer (`Reason`). A limit that a design has not is inf. Where gradients were asked for, every quantity
+has its derivatives, "slope_of_...", with the further dimension "by".
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 import xarray as xr
 
 from .._version import __version__
+from ..errors import ConfigError
 from ..reasons import Reason
 from ..results import Status
 from ..units import DISPLAY, SI, unit_key
@@ -123,7 +124,7 @@ def _flags(codes: type[IntEnum], dtype: Any) -> dict[str, Any]:
 
 def variable_name(label: str) -> str:
     """'force at 31 kPa' as the name of a variable, 'force_at_31_kPa'."""
-    return label.replace(" ", "_").replace("%", "_percent").replace("/", "_per_")
+    return label.replace(" ", "_").replace("%", "_percent").replace("/", "_per_").replace("^", "")
 
 
 def status_name(study: Any, k: int) -> str:
@@ -172,9 +173,34 @@ def read(data: xr.Dataset, block: Block, names: list[str]) -> dict[str, np.ndarr
         if variable.dims == (name,):
             found[name] = spread_over(block, variable.values, dims.index(name))
         else:
-            values = variable.isel(where).values
+            values = _values(data, name, variable.variable.isel(where))
             found[name] = values.reshape(block.stop - block.start, *values.shape[len(dims) :])
     return found
+
+
+def _values(data: xr.Dataset, name: str, variable: xr.Variable) -> np.ndarray:
+    """A part of a variable, in memory; a ConfigError where its chunks are damaged or not there."""
+    try:
+        values = variable.load().values
+        why = "a chunk is missing" if values.dtype.kind == "i" and np.any(values < 0) else ""
+    except Exception as error:  # the codecs of a store have no exception in common
+        why = " ".join(str(error).split())
+    if why:
+        place = f"{data.encoding['source']}/{name}" if "source" in data.encoding else f"{name} of the study"
+        raise ConfigError(f"{place} cannot be read: {why.rstrip('.')}; softgrip sweep computes it again in its place.")
+    return values
+
+
+def loaded(data: xr.Dataset) -> xr.Dataset:
+    """The same in memory; a ConfigError where it is damaged."""
+    for name, variable in data.variables.items():
+        _values(data, str(name), variable)
+    return data
+
+
+def answers(data: xr.Dataset, part: dict[str, np.ndarray], name: str) -> np.ndarray:
+    """Where a quantity has an answer in a part that was read: its state is OK, and "no limit" (inf) is one, too."""
+    return (part[data[name].attrs["status"]] == Status.OK) & ~np.isnan(part[name])
 
 
 def pieces(data: xr.Dataset, names: list[str]) -> Iterator[dict[str, np.ndarray]]:
@@ -187,7 +213,7 @@ def rows_of(data: xr.Dataset, chosen: np.ndarray) -> xr.Dataset:
     like = data[quantities_of(data)[0]]
     places = np.unravel_index(np.asarray(chosen), like.shape)
     where = {dim: xr.DataArray(place, dims=DESIGN) for dim, place in zip(like.dims, places, strict=True)}
-    return data.isel(where).load()
+    return loaded(data.isel(where))
 
 
 def designs_in(data: xr.Dataset) -> int:

@@ -36,7 +36,7 @@ def sensitivity(
     deviation is t / sqrt(3). deviation_by_gradient (quantity) is sqrt(sum of (dy/dx t / sqrt(3))^2); share (quantity,
     by) is how much of its square is due to each number. deviation_by_sampling is that of `samples` designs drawn at
     random, with deviation_error, its own standard error, mean_by_sampling, and answered, the part of the samples that
-    have an answer: only these are counted in the others.
+    have an answer: only these are counted in the others. "No limit" (inf) is an answer, left out of the others.
 
     Args:
         scenes: a dictionary of scenes by name.
@@ -108,10 +108,10 @@ def _spread(study: Study, slopes: np.ndarray, covariance: np.ndarray, report: Te
         report("samples of the tolerances", done, study.designs.count)
     seen = np.concatenate([part["values"] for part in parts])
     answered = np.concatenate([part["statuses"] for part in parts])[:, study.asked.state_of] == Status.OK
-    answered &= np.isfinite(seen)
+    answered &= ~np.isnan(seen)
     deviation, error, mean = (np.full(len(slopes), np.nan) for _ in range(3))
     for k in range(len(slopes)):
-        good = seen[answered[:, k], k]
+        good = seen[answered[:, k] & np.isfinite(seen[:, k]), k]
         if good.size > 1:
             mean[k], deviation[k] = good.mean(), good.std(ddof=1)
             # Of a sample standard deviation: sqrt((m4 - s^4) / n) / (2 s), m4 the fourth central moment.

@@ -92,14 +92,22 @@ def opened(place: str | Path, chunks: dict[str, int] | None = None) -> xr.Datase
 
 
 def _dataset(address: str, chunks: dict[str, int] | None = None) -> xr.Dataset:
-    data = xr.open_dataset(_target(address), engine="zarr", consolidated=False, chunks=chunks)
+    try:
+        data = xr.open_dataset(_target(address), engine="zarr", consolidated=False, chunks=chunks)
+    except Exception as error:  # a damaged store has no exception of its own
+        raise ConfigError(f"{address} cannot be read: {str(error).rstrip('.')}; compute it under a new name.") from None
     said = data.attrs[BEGUN]
+    lost = next((name for name in said["variables"] + said["varied"] if name not in data.variables), None)
+    if lost is not None:
+        raise ConfigError(f"{address} cannot be read: it lacks {lost}; compute it under a new name.")
     # A store has no order: that of the study is in the attributes. So are the names of what the derivatives are taken
     # by: Zarr has no type for words yet that all its readers know.
     coords: dict[str, Any] = {name: data[name].variable for name in said["varied"]}
     coords |= by_names(said["varied"]) if BY in data.dims else {}
     variables = {name: data[name].variable for name in said["variables"] if name not in coords}
-    return xr.Dataset(variables, coords, data.attrs)
+    found = xr.Dataset(variables, coords, data.attrs)
+    found.encoding["source"] = address.rstrip("/")
+    return found
 
 
 def run_in(

@@ -17,10 +17,10 @@ from jaxtyping import Array, Float
 from ..equations import CurveEquations
 from ..errors import InputError
 from ..parameters import Named, Parameter, Parameters, Scenes
-from ..quantities import Quantity, QuantitySet
+from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, Quantity, QuantitySet
 from ..scene import Scene
 from .blocks import Blocks
-from .dataset import labelled
+from .dataset import columns, labelled
 from .designs import Designs
 
 BLOCK = 1 << 17
@@ -54,7 +54,8 @@ class Study:
         gradients: whether to compute the derivatives of every quantity by every varied number too.
 
     Raises:
-        InputError: for an unknown name, no quantity, or designs with another number of columns.
+        InputError: for an unknown name, no quantity, two quantities with one label, or designs with another number of
+            columns.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -88,14 +89,23 @@ class Study:
             self.batch = min(most, _power_of_two(max(designs.count, LEAST_BATCH)))
             self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
         # The batch is what is solved together; small studies do not pay for a full one.
+        names = [column.name for column in columns(self)]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(
+                f"Two columns of the study would be called {twice}; states must differ in their first five digits."
+            )
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
         """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
 
+        is_margin = np.array([q.observable == LIMIT_MARGIN for q in self.asked.quantities])
+
         def values(x):
             found = self.asked.measure(self.leaves.scenes_at(x))
             statuses, reasons = found.statuses.astype(jnp.int8), found.reasons.astype(jnp.int16)
-            return found.values, {"values": found.values, "statuses": statuses, "reasons": reasons}
+            seen = jnp.where(is_margin & (found.values == NO_LIMIT_MARGIN), jnp.inf, found.values)
+            return found.values, {"values": seen, "statuses": statuses, "reasons": reasons}
 
         if not self.gradients:
             return values(x)[1]

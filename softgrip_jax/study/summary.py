@@ -14,15 +14,15 @@ from ..errors import InputError
 from ..reasons import Reason
 from ..results import Status
 from ..units import DISPLAY, unit_key
-from .dataset import blocks_of, pieces, quantities_of, read, reason_of, states_of, varied_in
+from .dataset import answers, blocks_of, pieces, quantities_of, read, reason_of, states_of, varied_in
 
 DIGIT = 16
 """Binary digits of a number that are counted in one pass over the study: four passes, and 65536 counts for each."""
 
 
 def quantiles(data: xr.Dataset, names: Sequence[str], parts: Sequence[float]) -> dict[str, tuple[int, np.ndarray]]:
-    """For every variable how many finite values it has, and their quantiles, those of `numpy.quantile` (linear between
-    neighbours), NaN where there are none.
+    """For every quantity how many answers it has, and their quantiles, those of `numpy.quantile` (linear between
+    neighbours), NaN where there are none. A limit that is not there (inf) is the largest answer.
 
     It is a radix selection: each pass counts the next binary digits of those values whose first digits are known to be
     those of a wanted one. The study is read four times, and none of it is kept.
@@ -31,11 +31,12 @@ def quantiles(data: xr.Dataset, names: Sequence[str], parts: Sequence[float]) ->
     ranks: dict[str, np.ndarray] = {}
     """The wanted places among the values, sorted, that have the same first digits."""
     prefixes: dict[str, np.ndarray] = {}
+    states = {data[name].attrs["status"] for name in names}
     for shift in range(64 - DIGIT, -1, -DIGIT):
         seen = {name: {} for name in names}
-        for part in pieces(data, list(names)):
+        for part in pieces(data, [*names, *states]):
             for name in names:
-                keys = _keys(part[name])
+                keys = _keys(part[name][answers(data, part, name)])
                 digits, first = (keys >> np.uint64(shift)).astype(np.uint16), shift + DIGIT == 64
                 heads = keys >> np.uint64(min(shift + DIGIT, 63))
                 for prefix in [0] if first else np.unique(prefixes[name]).tolist():
@@ -58,8 +59,9 @@ def quantiles(data: xr.Dataset, names: Sequence[str], parts: Sequence[float]) ->
     for name in names:
         low, high = np.split(_values(prefixes[name]), 2)
         place = np.asarray(parts) * max(counts[name] - 1, 0)
-        between = low + (place - np.floor(place)) * (high - low)
-        found[name] = counts[name], between if counts[name] else np.full(len(parts), np.nan)
+        with np.errstate(invalid="ignore"):  # between two that are inf
+            between = low + (place - np.floor(place)) * (high - low)
+        found[name] = counts[name], np.where(low == high, low, between) if counts[name] else np.full(len(parts), np.nan)
     return found
 
 
@@ -67,8 +69,8 @@ SIGN = np.uint64(1 << 63)
 
 
 def _keys(values: np.ndarray) -> np.ndarray:
-    """Finite numbers as integers of the same order."""
-    bits = np.ascontiguousarray(values[np.isfinite(values)], dtype=float).view(np.uint64)
+    """Numbers as integers of the same order."""
+    bits = np.ascontiguousarray(values, dtype=float).view(np.uint64)
     return np.where(bits & SIGN, ~bits, bits | SIGN)
 
 
@@ -138,13 +140,14 @@ def best(
     """(numbers of the designs with the least or largest values of a variable, best first; how many designs may be
     chosen at all): those that keep the conditions, and whose states are all OK where a quantity is asked of them."""
     asked = [name, *(c.name for c in conditions)]
-    states = sorted({data[n].attrs["status"] for n in asked if "status" in data[n].attrs})
+    quantities = [n for n in asked if "status" in data[n].attrs]
+    states = sorted({data[n].attrs["status"] for n in quantities})
     chosen, values, allowed = np.zeros(0, dtype=np.int64), np.zeros(0), 0
     for block in blocks_of(data):
         part = read(data, block, list(dict.fromkeys([*asked, *states])))
-        good = np.isfinite(part[name])
-        for state in states:
-            good &= part[state] == Status.OK
+        good = np.ones(block.stop - block.start, bool)
+        for n in quantities:
+            good &= answers(data, part, n)
         for c in conditions:
             good &= c.holds(part[c.name], c.value)
         rows = np.flatnonzero(good)
