@@ -26,8 +26,8 @@ def design(
 ) -> None:
     """Search for a better design by gradient, from many starts at once.
 
-    Exit code 1 where no design keeps every constraint, or none is robust. --workers and --scheduler need
-    pip install softgrip_jax[cluster]; the answer is the same without them.
+    Exit code 1 where no design keeps every constraint, none is robust, or its parts do not keep what was promised.
+    --workers and --scheduler need pip install softgrip_jax[cluster]; the answer is the same without them.
 
     - softgrip design configs/shell_grasp.toml
     """
@@ -38,8 +38,14 @@ def design(
     with spread_over(workers, scheduler, insecure) as spread:
         folder = run_design(config, out, console_for(as_json), spread)
     tell_folder(as_json, folder)
+    _require_design(folder)
+
+
+def _require_design(folder: Path) -> None:
+    """The exit code of a question without an answer where a search found no design that keeps what was asked."""
     found = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    if not found.get("best", {"feasible": True})["feasible"] or "no_robust_design" in found:
+    is_robust = "no_robust_design" not in found and found.get("robust", {}).get("promise_holds", True)
+    if not (found.get("best", {"feasible": True})["feasible"] and is_robust):
         raise typer.Exit(NO_ANSWER)
 
 
@@ -114,8 +120,13 @@ def measure(
 ) -> None:
     """Update a design by what was measured of its parts: dimensions as built with intervals, moduli from first curves.
 
+    Exit code of --search as of `softgrip design`.
+
     - softgrip measure configs/shell_cast.toml configs/data/shell_cast_measured.toml
     """
     from .asbuilt.run import run_measure
 
-    tell_folder(as_json, run_measure(config, measured, out, console_for(as_json), search))
+    folder = run_measure(config, measured, out, console_for(as_json), search)
+    tell_folder(as_json, folder)
+    if search:
+        _require_design(folder / "search")

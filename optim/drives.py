@@ -66,8 +66,8 @@ class Beside(NamedTuple):
 
 
 def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
-    """The quantities of a problem's fingers by their other drive, at SI values of designs; None where there are none,
-    and where the problem has both drives already."""
+    """The quantities of a problem's fingers by their other drive, at SI values of designs: the start, the best one, and
+    others; None where there are none, and where the problem has both drives already."""
     scenes = problem.space.scenes
     if any(_is_twin(scenes, name) for name in scenes):
         return None
@@ -110,7 +110,7 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
         (QuantitySet(scenes, lowered), Observed(again.values[:, of_lower], *(part[:, lower] for part in again[1:]))),
     ]
     quantities = [q for part, _ in both for q in part.quantities]
-    best = problem.scenes_at(x[-1])
+    best = problem.scenes_at(x[min(1, len(x) - 1)])
     return Beside(
         quantities,
         [kind for part, _ in both for kind in part.kinds],

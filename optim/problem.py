@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, program
+from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
@@ -218,8 +218,8 @@ class Measured(NamedTuple):
     """Of the states that were solved for, in the order of `Problem.solved_states`."""
 
 
-def finite(value: Scalar, scale: Any) -> Scalar:
-    """A value that can be counted with: what is endless, as the largest pressure of a design that has none, is ENDLESS
+def finite(value: Array, scale: Any) -> Array:
+    """Values that can be counted with: what is endless, as the largest pressure of a design that has none, is ENDLESS
     scales."""
     return jnp.where(jnp.isinf(value), jnp.sign(value) * ENDLESS * scale, value)
 
@@ -284,6 +284,13 @@ class Problem:
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
+
+    def held_numbers(self) -> str:
+        """What compiled programs hold beside what the words of a config say: numbers of the scenes, which may come from
+        a posterior, the files that their classes are made of, and what is measured, as where along a curve that is
+        read."""
+        leaves, tree = jax.tree.flatten(self.space.scenes)
+        return repr(([np.asarray(leaf).tolist() for leaf in leaves], files_of(tree), self.quantities))
 
     @property
     def ignored(self) -> tuple[str, ...]:
@@ -546,7 +553,7 @@ class Problem:
         """The term of every goal: what `score` adds up, and what a trade-off keeps apart."""
         return jnp.stack(
             [
-                goal.term(values[self.asked.index(goal.quantity)], scale)
+                goal.term(finite(values[self.asked.index(goal.quantity)], scale), scale)
                 for goal, scale in zip(self.goals, scales.goals, strict=True)
             ]
         )

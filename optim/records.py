@@ -14,6 +14,7 @@ import numpy as np
 
 import softgrip_jax as sg
 from softgrip_jax.folders import contents
+from softgrip_jax.quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN
 from softgrip_jax.results import Status
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
@@ -49,6 +50,13 @@ def summary(what: str, folder: Path, command: str) -> str:
     return f"The {what} is in {folder}: {contents(folder)}." + (f" Next: {command}" if command else "")
 
 
+def seen(problem: Problem, design: Design) -> np.ndarray:
+    """The quantities of a design, SI, as people see them: no limit is inf, and so is the margin before it, which a
+    search has as a large number."""
+    is_margin = np.array([q.observable == LIMIT_MARGIN for q in problem.quantities])
+    return np.where(is_margin & (design.values == NO_LIMIT_MARGIN), np.inf, design.values)
+
+
 def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     """A row of designs.csv: units in the names of the columns."""
     known = design.answered
@@ -58,9 +66,9 @@ def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     row["violation"] = design.violation if known else None
     for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
         row[unit_key(key, kind)] = x / DISPLAY[kind][1]
-    for quantity, kind, value in zip(problem.quantities, problem.kinds, design.values, strict=True):
+    for quantity, kind, value in zip(problem.quantities, problem.kinds, seen(problem, design), strict=True):
         key = unit_key(problem.label(quantity).replace(" ", "_"), kind)
-        row[key] = value / DISPLAY[kind][1] if np.isfinite(value) else None
+        row[key] = None if np.isnan(value) else value / DISPLAY[kind][1]
     row["active"] = "; ".join(design.active)
     row["rules"] = "; ".join(f"{line.label} {line.margins[0] / mm:.6g} mm" for line in _told(problem, design))
     return row
@@ -87,7 +95,7 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 def in_si(problem: Problem, design: Design) -> dict[str, Any]:
     """A design for result.json."""
-    values = {problem.label(q): float(v) for q, v in zip(problem.quantities, design.values, strict=True)}
+    values = {problem.label(q): float(v) for q, v in zip(problem.quantities, seen(problem, design), strict=True)}
     return {
         "feasible": design.feasible,
         "objective": design.objective if design.answered else None,

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -50,6 +51,9 @@ NO_LIMIT_MARGIN = 1e6
 """`limit_margin` of a scene without a limit pressure: larger than any bound, and finite, as a search needs it. Studies
 have inf there."""
 
+MOST_DIGITS = 9
+"""Of the per cent along a line in a label."""
+
 SHAPE_POINTS = 101
 """Points of a shape, straight between two of them: a finger that is curled to a circle loses 1e-4 of its length."""
 
@@ -67,6 +71,7 @@ class Quantity:
         along: for "shape.x" and "shape.y", the part of the way from the clamp (0) to the tip (1), dimensionless.
         at_kind: of the observable that `at` gives the value of, a key of `units.DISPLAY`; found by whoever knows the
             scene.
+        along_digits: of the per cent in the label; found by whoever knows what else is asked for.
 
     Examples:
         >>> sg.Quantity("force", at=31 * kPa).label()
@@ -78,11 +83,12 @@ class Quantity:
     scene: str = ""
     along: float | None = None
     at_kind: str = dataclasses.field(default="number", compare=False, repr=False)
+    along_digits: int = dataclasses.field(default=0, compare=False, repr=False)
 
     def label(self, with_scene: bool = True) -> str:
         """For tables: 'lift.pressure at required', 'tip_angle at 31 kPa'."""
         name = f"{self.scene}.{self.observable}" if self.scene and with_scene else self.observable
-        name += "" if self.along is None else f" {self.along:.0%} along"
+        name += "" if self.along is None else f" {self.along:.{self.along_digits}%} along"
         return name if self.at is None or self.at == AT_REST else f"{name} at {self.state_label()}"
 
     def state_label(self) -> str:
@@ -124,7 +130,7 @@ class QuantitySet:
     """A list of quantities of given scenes, checked: what a study or a search wants to know of every design."""
 
     def __init__(self, scenes: Scenes, quantities: Sequence[Quantity]):
-        self.quantities = list(dict.fromkeys(named(q, scenes) for q in quantities))
+        self.quantities = _told_apart(list(dict.fromkeys(named(q, scenes) for q in quantities)))
         self.kinds = [kind_of(q, scenes) for q in self.quantities]
         """Kinds of quantity, keys of units.DISPLAY."""
         self.states = list(dict.fromkeys(q.state for q in self.quantities))
@@ -213,6 +219,20 @@ class QuantitySet:
         return Observed(*(jnp.stack(column) for column in (values, statuses, reasons, details)))
 
 
+def _told_apart(quantities: list[Quantity]) -> list[Quantity]:
+    """The same, with more digits where parts of a line are so near to each other that their labels are the same."""
+    for digits in range(1, MOST_DIGITS + 1):
+        counts = Counter(q.label() for q in quantities)
+        same = [q.along is not None and counts[q.label()] > 1 for q in quantities]
+        if not any(same):
+            break
+        quantities = [
+            dataclasses.replace(q, along_digits=digits) if is_same else q
+            for q, is_same in zip(quantities, same, strict=True)
+        ]
+    return quantities
+
+
 def solution_at(scene: Scene, at: State | Scalar) -> Solution:
     """What the library answers to the question of a state (a pressure, "required", or an observable's value)."""
     if isinstance(at, tuple):
@@ -278,6 +298,8 @@ def kind_of(quantity: Quantity, scenes: Scenes) -> str:
             return "pressure"
         raise InputError(f"{name} needs a state: say at which pressure, or at {REQUIRED!r}.")
     if name in (f"{SHAPE}.x", f"{SHAPE}.y"):
+        if "tip" not in scene.prepared().OBSERVABLES:
+            raise InputError(f"{type(scene).__name__} is no finger; only the line that a finger bends to has {name}.")
         if quantity.along is None or not 0 <= quantity.along <= 1:
             raise InputError(f"{name} needs along, a number from 0 (the clamp) to 1 (the tip).")
         return "length"

@@ -122,6 +122,17 @@ def test_a_base_has_holes_for_all_fingers(n):
         cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm), TABLE)
 
 
+@pytest.mark.parametrize(("touch", "more"), [("face", 0.0), ("midline", 2.5)])
+def test_the_base_radius_that_is_named_is_that_of_the_config(touch, more):
+    """The least one, typed into the config, is enough; with "midline" it is H/2 larger."""
+    gripper = sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm, touch=touch)
+    with pytest.raises(InputError, match="base_radius_mm is 15 mm; it must be at least") as caught:
+        cad.gripper_base(gripper, TABLE)
+    (least,) = re.findall(r"at least ([\d.]+) mm", str(caught.value))
+    assert float(least) == pytest.approx(10 + 0.2 + 7 + 0.2 + 7 + more)
+    cad.gripper_base(dataclasses.replace(gripper, base_radius=float(least) * mm), TABLE)
+
+
 def test_segments_hold_whole_chambers():
     finger = a_finger(h_x=[0.9, 1.1], L=30.0)
     chambers = chambers_of(finger)
@@ -137,6 +148,7 @@ def test_segments_hold_whole_chambers():
         ({"h_L": 3.0}, {}, "The core of segment 1, h_L_mm - 2 t_m_mm, is 0.8 mm thick, too thin to hold"),
         ({"h_L": 3.3, "a": 10.0}, {}, "too slender to hold: 18.2 to 1"),
         ({"h_x": 0.2}, {}, "The fin of the mould of segment 1, 2 h_x_mm, is 0.4 mm thick"),
+        ({"H": 0.4}, {}, "H_mm is 0.4 mm; it must be at least 0.5 mm"),
         ({}, {"channel_mm": 0}, "channel_mm is 0 mm: the chambers of segment 1 would have no way for air"),
         ({"b": 0.9}, {}, "would have no way for air"),
         ({"a": 1.5, "b": 4 / 3, "h_x": 1.0, "h_L": 3.2, "t_m": 1.0}, {}, "would be higher than the air (2 a_mm)"),
@@ -145,6 +157,12 @@ def test_segments_hold_whole_chambers():
         ({"b": 10.5}, {}, "it must be at least 0.5 mm: liquid silicone does not fill a thinner wall"),
         ({}, {"side_wall_mm": 3}, "wider than the cover (B_mm = 20)"),
         ({}, {"mould_wall_mm": 4}, "mould_wall_mm is 4 mm; it must be at least 6 mm"),
+        (
+            {"h_x": 1.5, "L": 14.4},
+            {"foot_mm": 5},
+            "the foot between its end (foot_mm) and the fin behind the first chamber",
+        ),
+        ({"h_x": 1.5, "L": 14.4}, {"foot_mm": 1.4}, "is -0.1 mm; it must be at least 4 mm"),
     ],
 )
 def test_fingers_that_cannot_be_made(changed, table, says):
@@ -178,6 +196,7 @@ SMALL_PAD = a_shell(a=7.5, b=7.5)
     [
         (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "the ring would be 1 mm inside the object"),
         (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), "mm inside the object"),
+        (sg.shell.Plate(a_shell()), "A Plate does not say what its membrane touches"),
         (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=5 * mm), ""),
         (sg.shell.Free(a_shell()), ""),
     ],
@@ -283,6 +302,22 @@ def test_plates_hold_every_printed_piece_once(bed, shell, tmp_path):
         assert locale.setlocale(locale.LC_ALL) == before, "lib3mf sets another"
         wanted = sorted(p.piece.volume * p.scale**3 for p in plate)
         assert sorted(volumes_of(path)) == pytest.approx(wanted, rel=2e-3)
+
+
+def test_cores_stand_on_the_plate_of_their_lid(finger):
+    (plate,) = cad.laid_out(cad.printed(finger, 1.0), TABLE)
+    lid = solid_of(next(placed for placed in plate if placed.piece.name == "body lid"))
+    floor = solids.Block((-300, -300, 0), (300, 300, TABLE.mould_floor_mm)).solid()
+    (below,) = solids.solids_of(lid & floor)
+    assert pytest.approx(lid.bounding_box().size.X) == below.bounding_box().size.X
+    assert 2 * TABLE.mould_floor_mm < lid.bounding_box().size.Z
+
+
+def test_a_deck_has_no_json(tmp_path, capsys):
+    (tmp_path / "pad.toml").write_text(CONFIG)
+    deck = ["--fe", "abaqus", "--out", str(tmp_path / "pad.inp")]
+    assert run(["export", str(tmp_path / "pad.toml"), *deck, "--json"]) == MISTAKE
+    assert "leave out --step, --stl, --mould and --json" in capsys.readouterr().err
 
 
 def test_nothing_is_written_where_it_cannot_be_made(tmp_path, capsys):

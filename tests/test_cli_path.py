@@ -8,8 +8,9 @@ from conftest import ROOT
 from PIL import Image
 
 import softgrip_jax as sg
-from softgrip_jax import thesis
+from softgrip_jax import config, thesis
 from softgrip_jax.cli import MISTAKE, NO_ANSWER, STOPPED, run
+from softgrip_jax.commands.export import expectations
 from softgrip_jax.units import kPa, mm
 
 CYLINDER = str(ROOT / "configs" / "shell_cylinder.toml")
@@ -167,3 +168,15 @@ def test_pictures_and_animation(tmp_path):
         assert animation.convert("RGB").tobytes() != first
         assert animation.info["duration"] >= 900
     assert sorted(file.name for file in tmp_path.iterdir()) == ["curve.png", "inflation.gif"]
+
+
+def test_an_impossible_scene_is_not_one_without_a_limit(tmp_path, capsys):
+    """The sheet of `softgrip export` says it, too."""
+    file = tmp_path / "chamber.toml"
+    finger = '[scene.finger]\npreset = "table_5_1_A"\nt_m_mm = 3\n'
+    file.write_text(f'[scene]\ntype = "pneunet.Chamber"\ninclination_deg = 0\n{finger}')
+    assert run(["path", str(file)]) == MISTAKE
+    said = " ".join(capsys.readouterr().err.split())
+    assert "has no curve up to a limit pressure: two walls of a chamber are 1.8 mm too thick" in said
+    assert "--to-kPa" not in said
+    assert dict(expectations(config.load(file)))["limit pressure"].startswith("unknown: two walls of a chamber")

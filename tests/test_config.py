@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -111,16 +112,21 @@ SCENES = [
 ]
 TYPE_A = sg.PneuNet.table_5_1("A")
 GRIPPER = sg.pneunet.Gripper(TYPE_A, n=4, base_radius=20 * mm)
+ON_FACES = sg.pneunet.Gripper(TYPE_A, n=3, base_radius=20 * mm)
 FINGER_SCENES = [
     sg.pneunet.Free(TYPE_A, weight=(0.0, 0.0), clamp_angle=0.3, inclination="gap"),
     sg.pneunet.Free(eqx.tree_at(lambda f: f.h_x, TYPE_A, jnp.array([0.7, 0.8, 0.9]) * mm), tip_load=(0.1, -0.2)),
     sg.pneunet.TipContact(TYPE_A, tip_offset=-3.3 * mm, tip_pull=0.1, weight=(0.0, -2.0), section="thesis"),
     sg.pneunet.Chamber(TYPE_A, inclination=0.07),
+    sg.pneunet.Free(TYPE_A, beam="shooting"),
+    sg.pneunet.Free(TYPE_A, beam={"type": "shooting", "rtol": 1e-6, "segments": 2}),
+    sg.pneunet.Free(TYPE_A, beam=sg.pneunet.Collocation(points=8)),
+    sg.pneunet.Free(TYPE_A, beam=sg.pneunet.Collocation()),
     sg.pneunet.Grasp(GRIPPER, sg.objects.Cylinder(18 * mm, 26 * gram, 0.96), weight=None),
-    sg.pneunet.Grasp(GRIPPER, sg.objects.HexagonalCylinder(15 * mm, 35 * gram, 0.96), tip_offset=-5 * mm),
+    sg.pneunet.Grasp(ON_FACES, sg.objects.HexagonalCylinder(15 * mm, 35 * gram, 0.96), tip_offset=-5 * mm),
     sg.pneunet.Grasp(GRIPPER, sg.objects.Cone(30 * mm, 80 * mm, 20 * gram, 0.96), stand_distance=110 * mm),
     sg.pneunet.Grasp(
-        GRIPPER,
+        ON_FACES,
         sg.objects.ThreeFaceCone(50 * mm, 80 * mm, 19 * gram, FrictionTable(force=[0.5, 1.0], coefficient=[1.5, 1.3])),
         stand_distance=110 * mm,
         section="inextensible",
@@ -153,6 +159,12 @@ def test_numbers_are_written_as_people_would(tmp_path):
 def test_a_friction_that_is_code_cannot_be_written():
     scene = sg.shell.Grasp(SHELL, radius=20 * mm, gap=5 * mm, friction=lambda force: 1 / (1 + force))
     with pytest.raises(config.ConfigError, match="A FrictionLaw cannot be written to a config"):
+        config.dump(scene)
+
+
+def test_a_method_that_is_code_cannot_be_written():
+    scene = sg.pneunet.Free(TYPE_A, beam=sg.pneunet.Shooting(diffrax.Tsit5()))
+    with pytest.raises(config.ConfigError, match="beam is a Shooting that no config can say: beam has no key 'solver'"):
         config.dump(scene)
 
 

@@ -130,6 +130,19 @@ def test_designs_are_reported_by_the_other_drive(problem):
 
 
 @pytest.mark.slow
+def test_what_is_outside_of_the_law_is_told_of_the_best_design(problem):
+    """The start is the first of the designs, the best one the second, others follow."""
+    thin, thick, inside = ([H * mm] for H in (3.0, 7.0, 5.0))
+
+    def told(*designs):
+        beside = by_other_drive(problem, [np.array(x) for x in designs])
+        return [sentence for sentence in beside.remarks if "not fitted" in sentence]
+
+    assert "H = 7 mm" in told(inside, thick, inside)[0]
+    assert told(inside, inside, thin) == []
+
+
+@pytest.mark.slow
 def test_designs_without_a_state_are_compared_at_a_lower_pressure():
     """The thin one snaps at a pressure below 31 kPa by the cell law: both are reported where both have a state."""
     space = Space({"held": held(points=16)}, [Variable("finger.H", 3 * mm, 6 * mm)])

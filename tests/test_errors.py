@@ -19,12 +19,14 @@ TESTED = {
     "softgrip_jax/draws.py": "what h5netcdf says of a file that holds no posterior is a mistake in its name",
     "softgrip_jax/explorer/ahead.py": "the explorer compiles what this cannot, and tells what is wrong with it",
     "softgrip_jax/explorer/code.py": "values that cannot be compared are not the same, and both are written",
+    "softgrip_jax/explorer/page.py": "told on the page: a thread has nobody else to tell",
     "softgrip_jax/explorer/study.py": "told on the page: a thread has nobody else to tell, and a store may be damaged",
     "softgrip_jax/explorer/tabs.py": "told on the page: a thread has nobody else to tell",
     "softgrip_jax/explorer/latest.py": "told on the page; the thread goes on with the next question",
     "softgrip_jax/explorer/front.py": "raised again in the thread that serves",
     "softgrip_jax/verify/kept.py": "a file that holds no verification is named",
     "softgrip_jax/study/cluster.py": "what Dask says of an address or of certificates is a mistake in them",
+    "softgrip_jax/study/dataset.py": "a chunk that cannot be read, for whatever reason, is named",
     "softgrip_jax/study/store.py": "a chunk that cannot be read, for whatever reason, is computed again",
 }
 """Files with a catch of everything, and why it hides nothing."""

@@ -1,5 +1,6 @@
 """Sections and meshes: surfaces are closed, volumes are those of the solids, what touches is where the object is."""
 
+import dataclasses
 import itertools
 import struct
 from collections import Counter
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import softgrip_jax as sg
+from softgrip_jax.geometry.finger import chamber_places
 from softgrip_jax.geometry.mesh import _add_obstacle, _Build
 from softgrip_jax.shell import obstacles
 from softgrip_jax.units import kPa, mm
@@ -24,6 +26,17 @@ def bent():
 def pressed():
     shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
     return sg.solve(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa)
+
+
+@pytest.mark.parametrize(
+    "changed", [{"L": 72.0}, {"L": 72.5}, {"L": 77.0}, {"L": 20.0, "h_x": np.array([0.7, 0.8, 0.9])}]
+)
+def test_the_last_chamber_has_no_neighbour(changed):
+    """Nor where it ends with the finger or a gap before: its wall at the tip has no plane to lie flat on."""
+    finger = dataclasses.replace(sg.PneuNet.table_5_1("A"), **{name: value * mm for name, value in changed.items()})
+    *others, last = chamber_places(finger)
+    assert all(place.has_neighbour for place in others)
+    assert not last.has_neighbour
 
 
 def edges_of(mesh, name):

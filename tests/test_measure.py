@@ -12,9 +12,10 @@ from conftest import ROOT
 
 import softgrip_jax as sg
 from optim.asbuilt import settings
-from optim.asbuilt.update import calibrated, updated
+from optim.asbuilt.run import found_from_elsewhere
+from optim.asbuilt.update import _masses, calibrated, masses_of, updated
 from softgrip_jax import config as configs
-from softgrip_jax.cli import MISTAKE, run
+from softgrip_jax.cli import MISTAKE, NO_ANSWER, run
 from softgrip_jax.units import gram, kPa, mm
 
 CONFIG = """
@@ -105,6 +106,44 @@ def test_a_mass_tells_of_all_numbers_that_it_depends_on(tmp_path):
         assert known.deviations[k] == pytest.approx(deviation, rel=0.02)
     correlation = known.covariance[0, 1] / np.prod(known.deviations)
     assert correlation < -0.1, "a wider shell of the same mass is thinner"
+
+
+FINGER = """
+[scene]
+type = "pneunet.Free"
+finger = { preset = "table_5_1_A", L_mm = 18 }
+[manufacture]
+foot_mm = 12
+"""
+LENGTH = """
+[[numbers]]
+name = "finger.L_mm"
+values = [17.9]
+uncertainty = 0.05
+"""
+
+
+def test_a_finger_keeps_the_chambers_of_its_mould(tmp_path):
+    """Three pitches of 6 mm: the mass has the slope of the cover, and of half the foot, which the first chamber moves
+    with. A chamber less in every other difference was 0.7 g in 0.018 mm."""
+    pytest.importorskip("build123d", reason="build123d is missing: pip install softgrip_jax[cad]")
+    config, path = given(tmp_path, LENGTH, FINGER)
+    wanted = settings.read(configs.load(config), path)
+    found, slopes = _masses(wanted, np.array([18 * mm]), masses_of)
+    per_mm2 = 1080 * mm**2
+    assert slopes["base layer"][0] == pytest.approx(20 * 5 * per_mm2, rel=1e-6)
+    assert slopes["body"][0] == pytest.approx(0.5 * (20 * 5 - 2 * 2) * per_mm2, rel=1e-6)
+    shorter = masses_of(wanted, np.array([17.9 * mm]))
+    assert found["body"] - shorter["body"] == pytest.approx(0.1 * mm * slopes["body"][0], rel=1e-6)
+
+
+def test_segments_as_long_as_their_chambers_can_be_weighed(tmp_path):
+    pytest.importorskip("build123d", reason="build123d is missing: pip install softgrip_jax[cad]")
+    text = FINGER.replace("L_mm = 18", "L_mm = 17.4, h_x_mm = [0.7, 0.8, 0.9]")
+    config, path = given(tmp_path, LENGTH.replace("17.9", "17.3"), text)
+    wanted = settings.read(configs.load(config), path)
+    drawn, cut = (masses_of(wanted, np.array([length * mm])) for length in (17.4, 17.3))
+    assert 0.99 * drawn["finger"] < cut["finger"] < drawn["finger"]
 
 
 def test_a_mass_that_disagrees_is_told(tmp_path, capsys):
@@ -212,6 +251,61 @@ def test_without_a_search_there_is_none_to_repeat(tmp_path, capsys):
     config, measured = given(tmp_path)
     assert run(["measure", str(config), str(measured), "--search"]) == MISTAKE
     assert "has no section [design]" in capsys.readouterr().err
+
+
+SEARCH = """
+[design]
+starts = 4
+steps = 3
+finishes = 0
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 0.8
+high = 2
+[[design.goals]]
+maximise = "inflation_mm"
+at = { pressure_kPa = 8 }
+[[design.constraints]]
+keep = "stretch"
+at = { pressure_kPa = 8 }
+high = 1.0001
+"""
+THIN = (
+    MEASURED.replace("[1.18, 1.22]", "[0.3, 0.3]")
+    .replace("uncertainty = 0.03", "uncertainty = 0.001")
+    .replace("tolerance = 0.08", "tolerance = 0.3")
+)
+
+
+def test_a_part_without_an_answer_is_told(tmp_path, capsys):
+    """It bursts below the pressure that is asked for; nothing is said of what a search would change."""
+    config, measured = given(tmp_path, THIN, CONFIG.replace("t_m_mm = 1.1", "t_m_mm = 0.55") + SEARCH)
+    assert run(["measure", str(config), str(measured), "--out", str(tmp_path / "out")]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "The design as built has no answer (BEYOND_LIMIT): no equilibrium: the pressure has its largest" in told
+    assert "nan" not in told
+    text = (tmp_path / "out" / "result.json").read_text()
+    result = json.loads(text)
+    assert "NaN" not in text
+    assert result["status"] == "BEYOND_LIMIT"
+    assert result["reason"].startswith("no equilibrium")
+    assert result["observables"] == result["elasticities"] == []
+
+
+def test_a_search_that_keeps_no_constraint_is_told_by_the_exit_code(tmp_path):
+    config, measured = given(tmp_path, MEASURED, CONFIG + SEARCH)
+    assert run(["measure", str(config), str(measured), "--out", str(tmp_path / "out"), "--search"]) == NO_ANSWER
+    result = json.loads((tmp_path / "out" / "search" / "result.json").read_text())
+    assert not result["best"]["feasible"]
+
+
+def test_files_that_the_config_names_are_found_from_the_new_one(tmp_path):
+    (tmp_path / "configs").mkdir()
+    config = tmp_path / "configs" / "design.toml"
+    config.write_text(CONFIG + SEARCH + '[design.uncertain]\nposterior = "../x.nc"\n')
+    tables = found_from_elsewhere(configs.load(config))
+    assert tables["design"]["uncertain"]["posterior"] == str(tmp_path / "x.nc")
+    assert tables["solve"] == {"pressure_kPa": 8}
 
 
 @pytest.mark.slow  # a grasp and its search

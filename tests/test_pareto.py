@@ -127,6 +127,27 @@ def test_a_front_that_is_stopped_while_its_designs_are_solved_is_kept(ctrl_c_in)
     assert all(design.feasible for design in found.designs)
 
 
+def test_designs_that_prove_to_have_no_equilibrium_are_not_on_the_front(monkeypatch):
+    """Along the whole way from zero load, on which all are solved in the end."""
+    whole, lost = Evaluator.solve, [0, 2]
+
+    def solve(self, t):
+        found = whole(self, t)
+        shortfall = np.array(found.shortfall)
+        shortfall[[k for k in lost if k < len(t)]] = 1.0
+        return found._replace(shortfall=shortfall)
+
+    before = pareto(binh_korn(), points=5, starts=8)
+    monkeypatch.setattr(Evaluator, "solve", solve)
+    found = pareto(binh_korn(), points=5, starts=8)
+    np.testing.assert_array_equal(found.terms, np.delete(before.terms, lost, axis=0))
+    assert len(found.designs) == len(found.terms)
+    assert all(design.feasible for design in found.designs)
+    lost.extend(range(100))
+    with pytest.raises(ValueError, match="there is no front"):
+        pareto(binh_korn(), points=5, starts=8)
+
+
 def test_a_front_that_no_weighted_sum_finds():
     """Fonseca and Fleming 1995: a concave front, x = y in [-1/sqrt(2), 1/sqrt(2)]."""
     half = 1 / np.sqrt(2)
@@ -235,6 +256,26 @@ def test_the_gripper_with_a_tenth_of_the_solves_of_nsga_ii():
     assert all(design.feasible for design in front.designs)
     assert gaps(front.terms).max() < 1.5 * gaps(front.terms).min()
     assert beats(problem, front, 10) >= 1
+
+
+def test_a_goal_without_an_end_is_the_best_of_it():
+    """Where x is above 2 the second goal has no end: that design is an end of the front, the other is x = 0."""
+    goals = [lambda x: x[0] ** 2, lambda x: jnp.where(x[0] > 2, -jnp.inf, 4 - x[0])]
+    front = pareto(Formulas(goals, [0.0], [3.0]), points=5, starts=16)
+    x = np.array([design.x[0] for design in front.designs])
+    assert x[0] == pytest.approx(0, abs=1e-3)
+    assert 2 < x[-1] < 2.2
+    assert is_front(front.terms)
+    assert front.terms[-1][1] == -100
+
+
+@pytest.mark.parametrize("endless", [0, 1])
+def test_a_goal_that_never_ends_asks_nothing(endless):
+    goals = [lambda x: jnp.exp(x[0] - 1) - x[0] + jnp.cosh(x[1] - x[0])] * 2
+    goals[endless] = lambda x: 0 * x[0] - jnp.inf
+    front = pareto(Formulas(goals, [0.0, 0.0], [3.0, 3.0]), points=5, starts=8)
+    assert len(front.designs) == 1
+    np.testing.assert_allclose(front.designs[0].x, 1, atol=1e-3)
 
 
 def test_goals_must_be_two_or_three():

@@ -18,7 +18,7 @@ from scipy import optimize, stats
 import softgrip_jax as sg
 from optim.calibration.model import Fitting
 from optim.plan import settings
-from optim.plan.decision import Verdict, decided
+from optim.plan.decision import Decided, Verdict, decided, verdict
 from optim.plan.information import CRITERIA, Candidates, choose, evenly
 from optim.plan.plan import Plan, make
 from optim.plan.run import _expected, decided_words, draw, record, rows
@@ -162,6 +162,65 @@ def test_a_decision_is_right_as_often_as_in_simulations(plan):
     assert verdict.mean == pytest.approx(float(force), rel=0.01)
     # All of mu and t_m are known together: their product is what the force knows.
     assert verdict.after < 0.1 * verdict.before
+
+
+ENDLESS = """
+[scene]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "Gent", mu_kPa = 175, j_m = 10 } }
+[plan]
+draws = 16
+[[plan.parameters]]
+name = "shell.material.j_m"
+spread = 0.15
+[[plan.measurements]]
+name = "tension test"
+quantity = "stress"
+strains = [0.5]
+noise = 2
+unit = "kPa"
+[plan.decision]
+"""
+
+
+@pytest.mark.parametrize(
+    "asked",
+    ['quantity = "limit_margin"\nat = { pressure_kPa = 8 }\nlow = 1.2', 'quantity = "limit_pressure_kPa"\nlow = 9'],
+)
+def test_a_decision_about_what_has_no_end(asked, tmp_path):
+    """Gent membranes that stiffen early have no largest pressure, the others have one."""
+    (tmp_path / "plan.toml").write_text(ENDLESS + asked)
+    read = settings.read(configs.load(tmp_path / "plan.toml"))
+    j_m = np.array([[10.0], [60.0], [100.0], [300.0]])
+    found = decided(read, read.decision, j_m, lambda *_: None)
+    assert np.isinf(found.values).tolist() == [True, True, False, False]
+    assert np.isinf(found.values[:2]).all()
+    assert not found.slopes[:2].any()
+    assert found.slopes[2:].all()
+    assert np.isfinite(found.slopes).all()
+    with pytest.raises(ValueError, match="has no end, whatever is drawn"):
+        decided(read, read.decision, j_m[:2], lambda *_: None)
+
+
+def test_a_pressure_that_scatters_is_asked_for(tmp_path):
+    asked = "yield = 0.9\nnumbers = [{ name = 'pressure_kPa', relative = 0.05 }]\n[[plan.decision.requirements]]\n"
+    (tmp_path / "plan.toml").write_text(f"{ENDLESS}{asked}keep = 'limit_pressure_kPa'\nlow = 9")
+    read = settings.read(configs.load(tmp_path / "plan.toml"))
+    with pytest.raises(sg.errors.ConfigError, match="pressure_kPa scatters, but nothing is asked for at a pressure"):
+        decided(read, read.decision, np.array([[100.0]]), lambda *_: None)
+
+
+@pytest.mark.parametrize(("low", "high", "kept"), [(5.5, np.inf, True), (-np.inf, 5.5, False)])
+def test_draws_without_an_end_keep_lower_bounds_alone(low, high, kept):
+    """Every fourth draw; the mean and the deviation are those of the others."""
+    values = np.array([4.0, 6.0, 5.0, np.inf])
+    found = Decided(values, np.array([[1.0], [1.0], [1.0], [0.0]]))
+    asked = settings.Decision("limit_margin", low, high)
+    said = verdict(found, asked, np.eye(1), np.full((4, 1, 1), 0.01))
+    assert (said.mean, said.before, said.after) == pytest.approx((5, 1, 0.1))
+    share = stats.norm.sf(0.5) if kept else stats.norm.cdf(0.5)
+    keeps = 0.75 * share + 0.25 * kept
+    assert said.right_before == pytest.approx(max(keeps, 1 - keeps), abs=1e-6)
 
 
 def write(tmp_path, change=lambda text: text):

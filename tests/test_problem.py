@@ -1,6 +1,7 @@
 """Goals and limits: the quantities are those of the library, their slopes are right, and failure leads back."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -154,6 +155,15 @@ def test_what_has_no_end_is_large_and_not_unknown():
     low, high = score(best, np.inf)[1]
     assert low < 0 < high
     assert score(best, np.nan) == (0.0, pytest.approx([0, 0]))
+
+
+def test_terms_of_what_has_no_end_are_those_of_the_score():
+    space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 1 * mm, 2 * mm)])
+    problem = Problem(space, [Goal("maximise", Quantity("limit_pressure"))])
+    scales, values = problem.scales([20 * kPa]), jnp.full(1, np.inf)
+    (term,) = problem.terms(values, scales)
+    assert float(term) == float(problem.score(values, scales).objective) == -100
+    assert not np.any(jax.jacfwd(problem.terms)(values, scales))
 
 
 def test_scales_come_from_the_first_design_that_gives_one():

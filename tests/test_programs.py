@@ -1,14 +1,17 @@
 """What a command keeps of what it traced: the same answer the second time, whatever has become of the file."""
 
 import gc
+import importlib
 import json
 import os
 import subprocess
 import sys
 
+import jax
 import pytest
 from conftest import ROOT
 
+import softgrip_jax as sg
 from softgrip_jax.commands import programs
 
 CODE = """
@@ -69,3 +72,25 @@ def test_what_the_user_set_stays(given, wanted, monkeypatch):
     monkeypatch.setenv("XLA_FLAGS", given)
     programs.settings()
     assert os.environ["XLA_FLAGS"] == given
+
+
+def test_a_program_belongs_to_the_files_that_it_is_made_of(tmp_path, monkeypatch):
+    """A class of one's own, whose formula may change, and the numbers of the cell law."""
+
+    def names(found):
+        return {os.path.basename(path) for path, *_ in found}
+
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "__init__.py").write_text("from .laws import Mine\n")
+    laws = tmp_path / "mine" / "laws.py"
+    laws.write_text("from typing import NamedTuple\nclass Mine(NamedTuple):\n    x: float\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    mine = jax.tree.structure({"scene": importlib.import_module("mine").Mine(1.0)})
+    before = programs.files_of(mine)
+    assert {"laws.py", "law.npz", "scene.py"} <= names(before)
+    os.utime(laws, ns=(1, 1))
+    assert programs.files_of(mine) != before
+    ours = programs.files_of(jax.tree.structure(sg.NeoHookean(mu=1e5)), "optim.problem")
+    assert "laws.py" in names(ours)  # of our own materials
+    assert not any("mine" in path for path, *_ in ours)
+    assert "descent.py" in names(ours)

@@ -21,6 +21,7 @@ from optim.design.run import _batch
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
+from softgrip_jax.errors import ConfigError
 from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
@@ -222,6 +223,24 @@ def test_a_finish_in_threads_is_stopped(monkeypatch, request):
     assert -44 < unstopped.best.objective + 1e-5 < found.best.objective < -40
 
 
+def test_least_squares_pass_what_has_no_end():
+    """A quantity that ends only at one side of the range, and is reached there, from a start without an end."""
+    problem = Formulas([lambda x: jnp.where(x[0] > 2, jnp.inf, x[0] ** 2)], [0.0], [3.0], start=[2.5])
+    problem.goals = (dataclasses.replace(problem.goals[0], kind="reach", target=2.25),)
+    found = search(problem, starts=4, steps=5)
+    np.testing.assert_allclose(found.best.x, 1.5, rtol=1e-6)
+
+
+def test_a_step_that_is_stopped_between_its_records_leaves_none(monkeypatch):
+    def stop(*args):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(searching.Company, "look", stop)  # after as many steps as a period has
+    found = search(rosen_suzuki(), starts=4, steps=30)
+    assert found.stopped
+    assert len(found.paths) == len(found.history["moving"]) == searching.PERIOD - 1
+
+
 def test_the_same_seed_gives_the_same_answer():
     problem = rosen_suzuki()
     one, two = (search(problem, starts=8, steps=20, seed=5) for _ in range(2))
@@ -418,6 +437,52 @@ def test_every_search_of_the_project_is_read(name):
     assert wanted.problem.space.size >= 1
     start = wanted.problem.space.to_unit(wanted.problem.space.reference)
     assert np.all((start >= 0) & (start <= 1)), "the start is within the bounds"
+
+
+SHELL = """
+[scene]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "NeoHookean", mu_kPa = 175 } }
+[design]
+[[design.variables]]
+name = "shell.t_m_mm"
+low = 0.8
+high = 2
+[[design.goals]]
+"""
+AT = "at = { pressure_kPa = 8 }"
+FOLLOW = f"follow = [[0, 0], [5, -1], [9, -3]]\n{AT}"
+
+
+@pytest.mark.parametrize(
+    ("goal", "sentence"),
+    [
+        (FOLLOW, "Free is no finger; only the line that a finger bends to has shape.x."),
+        (f"{FOLLOW}\ntarget = 1", "a goal has target beside follow; the points are what is to be reached; leave out"),
+        (f"{FOLLOW}\nscale = 1", "a goal has scale beside follow; the length of the curve is the scale; leave out"),
+        (f'minimise = "stretch"\n{AT}\nscene = "scene"', "a goal has scene beside minimise; of several scenes the key"),
+        (f'reach = "stretch"\n{AT}\ntarget = 1.2\nscene = "x"', "a goal has scene beside reach"),
+        (f'minimise = "stretch"\n{AT}\ntarget = 1', "'reach' needs a target, the others have none"),
+    ],
+)
+def test_goals_that_cannot_be_meant_are_one_sentence(goal, sentence, tmp_path):
+    (tmp_path / "shell.toml").write_text(SHELL + goal)
+    with pytest.raises(ConfigError) as error:
+        settings.read(configs.load(tmp_path / "shell.toml"))
+    assert sentence in str(error.value)
+
+
+def test_points_of_a_curve_have_labels_of_their_own():
+    scenes = {"scene": sg.pneunet.Free(sg.PneuNet.table_5_1("A"), weight=None, inclination="none")}
+
+    def labels(points):
+        parts = np.linspace(0, 1, points)[1:]
+        return QuantitySet(scenes, [Quantity("shape.x", 31 * kPa, along=float(part)) for part in parts]).labels()
+
+    assert labels(13)[:2] == ["shape.x 8% along at 31 kPa", "shape.x 17% along at 31 kPa"]
+    for points in (101, 102, 1500):
+        assert len(set(labels(points))) == points - 1
+    assert labels(101)[49] == "shape.x 50% along at 31 kPa"
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import dataclasses
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,8 +22,9 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import Tell, stages
 from softgrip_jax.questions import pressure_for, solve
+from softgrip_jax.report.inputs import named_files, renamed
 from softgrip_jax.report.run import tell_and_keep, write_report
-from softgrip_jax.results import Status, in_units
+from softgrip_jax.results import Solution, Status, in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
 
@@ -55,6 +56,13 @@ class Compared:
     """Of the built one, by what is not known of its numbers."""
 
 
+class Answer(NamedTuple):
+    """Whether the design as built has an answer, and why not, in words."""
+
+    status: Status
+    reason: str
+
+
 def run_measure(config: Path, measured: Path, out: Path | None, console: Console, search: bool = False) -> Path:
     """Update a design by what was measured of it, and return the folder that holds it."""
     read = configs.load(config)
@@ -70,18 +78,18 @@ def run_measure(config: Path, measured: Path, out: Path | None, console: Console
                 tell("compiling once, then the curves")
                 known = calibrated(wanted, known)
             scenes = scenes_built(wanted, known)
-            compared = compare(wanted, known, tell)
+            compared, answer = compare(wanted, known, tell)
             helps = elasticities(wanted, scenes, tell)
         (folder / "config.toml").write_bytes(configs.standalone(config))
         (folder / "measured.toml").write_bytes(measured.read_bytes())
         comment = f"{provenance(measured.name)}\nThe design of {config.name} as it was built."
-        text = configs.dump(scenes, comment, **read.tables)
+        text = configs.dump(scenes, comment, **found_from_elsewhere(read))
         (folder / "as_built.toml").write_text(text, encoding="utf-8")
         write_csv(folder / "numbers.csv", rows(wanted, known))
         (folder / "result.json").write_text(
-            json.dumps(record(wanted, known, compared, helps), indent=2), encoding="utf-8"
+            json.dumps(record(wanted, known, compared, answer, helps), indent=2), encoding="utf-8"
         )
-        tell_and_keep(folder, console, partial(report, wanted, known, compared, helps))
+        tell_and_keep(folder, console, partial(report, wanted, known, compared, answer, helps))
         write_report(folder, final.name)
     file = final / "as_built.toml"
     command = f"softgrip {'design' if 'design' in read.tables else 'solve'} {file}"
@@ -89,6 +97,12 @@ def run_measure(config: Path, measured: Path, out: Path | None, console: Console
     if search:
         run_design(file, final / "search", console)
     return final
+
+
+def found_from_elsewhere(read: configs.Config) -> dict[str, Any]:
+    """The sections of a config for a file in another folder: files in them, as a posterior, by their whole paths."""
+    paths = {name: str((read.path.parent / name).resolve()) for name in named_files(read.tables)}
+    return renamed(read.tables, paths)
 
 
 def keys(settings: Settings) -> list[tuple[str, str]]:
@@ -126,8 +140,9 @@ def scenes_built(settings: Settings, known: AsBuilt) -> dict[str, Any]:
     return space_of(settings).scenes_at(jnp.asarray(values(settings, known)[1]))
 
 
-def compare(settings: Settings, known: AsBuilt, tell: Tell) -> list[Compared]:
-    """What the config asks, of the drawn design and of the one that was built."""
+def compare(settings: Settings, known: AsBuilt, tell: Tell) -> tuple[list[Compared], Answer | None]:
+    """What the config asks, of the drawn design and of the one that was built, and whether that has an answer; None
+    where the config asks nothing."""
     name = settings.table.scene or next(iter(settings.config.scenes))
     scene = settings.config.scenes[name]
     one = dataclasses.replace(settings.config, scenes={name: scene})
@@ -136,30 +151,33 @@ def compare(settings: Settings, known: AsBuilt, tell: Tell) -> list[Compared]:
         try:
             scene.target()
         except InputError:
-            return []
+            return [], None
     tell("solving the design as built")
     space = space_of(settings)
 
-    def answer(x: Any) -> Any:
+    def solved(x: Any) -> Solution:
         one = space.scenes_at(x)[name]
-        found = solve(one, asked["pressure"]) if "pressure" in asked else pressure_for(one, **asked)
-        return found.observables | {"pressure": found.pressure}, found.status
+        return solve(one, asked["pressure"]) if "pressure" in asked else pressure_for(one, **asked)
 
-    program = jax.jit(jax.vmap(answer))
-    slopes = jax.jit(jax.jacfwd(lambda x: answer(x)[0]))
+    def observed(solution: Solution) -> dict[str, Any]:
+        return solution.observables | {"pressure": solution.pressure}
+
+    program = jax.jit(jax.vmap(solved))
+    slopes = jax.jit(jax.jacfwd(lambda x: observed(solved(x))))
     drawn, built, _ = values(settings, known)
-    found, status = program(jnp.stack([drawn, built]))
-    if int(status[1]) != Status.OK:
-        return []
+    found = program(jnp.stack([drawn, built]))
+    answer = Answer(Status(int(found.status[1])), found.reason_text()[1])
+    if answer.status != Status.OK:
+        return [], answer
     J = slopes(jnp.asarray(built))
-    compared = []
+    compared, numbers = [], observed(found)
     for one, kind in (scene.prepared().OBSERVABLES | {"pressure": "pressure"}).items():
         if kind == "position" or ("pressure" in asked and one == "pressure"):
             continue
         j = np.asarray(J[one])
-        both = np.asarray(found[one])
+        both = np.asarray(numbers[one])
         compared.append(Compared(one, kind, float(both[0]), float(both[1]), float(np.sqrt(j @ known.joint @ j))))
-    return compared
+    return compared, answer
 
 
 def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list[tuple[str, str, float]]:
@@ -182,7 +200,7 @@ def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list
     found = [
         (name, problem.label(quantity), float(slope / dx * at / value))
         for name, slope, dx, at in zip(problem.space.names, by_unit, by, x, strict=True)
-        if np.isfinite(slope) and value
+        if np.isfinite(slope) and np.isfinite(value) and value
     ]
     return sorted(found, key=lambda one: -abs(one[2]))
 
@@ -204,17 +222,30 @@ def rows(settings: Settings, known: AsBuilt) -> list[dict[str, Any]]:
     return found
 
 
-def record(settings: Settings, known: AsBuilt, compared: list[Compared], helps: list[Any]) -> dict[str, Any]:
-    """All of it as plain data, SI."""
+def record(
+    settings: Settings, known: AsBuilt, compared: list[Compared], answer: Answer | None, helps: list[Any]
+) -> dict[str, Any]:
+    """All of it as plain data, SI; null for what is not known of the drawn design."""
     return {
         "units": "SI",
         "numbers": rows(settings, known),
-        "observables": [dataclasses.asdict(one) for one in compared],
+        "status": answer and answer.status.name,
+        "reason": answer and answer.reason,
+        "observables": [
+            dataclasses.asdict(one) | {"drawn": one.drawn if np.isfinite(one.drawn) else None} for one in compared
+        ],
         "elasticities": [{"variable": name, "of": of, "elasticity": value} for name, of, value in helps],
     } | versions()
 
 
-def report(settings: Settings, known: AsBuilt, compared: list[Compared], helps: list[Any], console: Console) -> None:
+def report(
+    settings: Settings,
+    known: AsBuilt,
+    compared: list[Compared],
+    answer: Answer | None,
+    helps: list[Any],
+    console: Console,
+) -> None:
     """Drawn and built, side by side, and what a search would change."""
     table = Table(title="as drawn and as built", title_justify="left")
     for head in ("", "drawn", "built, and its 95 % interval", "change"):
@@ -230,6 +261,10 @@ def report(settings: Settings, known: AsBuilt, compared: list[Compared], helps: 
         change = f"{one.built / one.drawn - 1:+.1%}" if one.drawn and np.isfinite(one.drawn) else "-"
         table.add_row(one.name.replace("_", " "), in_units(one.drawn, one.kind), interval, change)
     console.print(table)
+    if answer is not None and answer.status != Status.OK:
+        console.print(
+            f"The design as built has no answer ({answer.status.name}): {answer.reason}.", style="bold", soft_wrap=True
+        )
     for one, number, was, now in zip(settings.table.numbers, settings.numbers, known.drawn, known.built, strict=True):
         off = abs(now / was - 1) / one.tolerance
         if off > 2:

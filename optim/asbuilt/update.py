@@ -66,10 +66,10 @@ class AsBuilt:
 
 
 def masses_of(settings: Settings, x: np.ndarray) -> dict[str, float]:
-    """The mass of every cast part, kg, by its formula."""
+    """The mass of every cast part, kg, by its formula. A finger has the chambers of its mould, whatever its length."""
     scenes = settings.space.scenes_at(jnp.asarray(x))
     name = next(name for name, scene in settings.config.scenes.items() if scene is settings.scene)
-    export = cad.export_of(scenes[name], settings.manufacture, with_moulds=False)
+    export = cad.export_of(scenes[name], settings.manufacture, with_moulds=False, drawn=settings.scene)
     density = settings.manufacture.density_g_per_cm3
     return {
         piece.name: float(piece.volume) / 1000 * density * gram

@@ -761,6 +761,7 @@ def _descend(
     except KeyboardInterrupt:
         if not rows:
             raise
+        del paths[len(rows) :]  # of a step that was not ended
         stopped = True
     evaluate.moving = None
     names = ("best_objective", "with_equilibrium", "feasible", "moving")

@@ -15,10 +15,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares, minimize
 
-from ..problem import Problem, Scales
+from ..problem import Problem, Scales, finite
 
 ROUNDING = 1e-9
 """A finished variable this near to a bound (of its range) is put on it."""
@@ -210,8 +211,11 @@ def _least_squares(t: np.ndarray, look: Look, problem: Problem, scales: Scales) 
             return np.full(len(problem.goals), NO_EQUILIBRIUM_RANK), np.zeros((len(problem.goals), len(t)))
         places = [problem.asked.index(goal.quantity) for goal in problem.goals]
         targets = np.array([goal.target for goal in problem.goals])
-        factors = np.sqrt([goal.weight for goal in problem.goals]) / np.array(scales.goals)
-        return factors * (values[places] - targets), factors[:, None] * by_t[places]
+        sizes = np.array(scales.goals)
+        factors = np.sqrt([goal.weight for goal in problem.goals]) / sizes
+        slopes = np.where(np.isinf(values[places])[:, None], 0.0, by_t[places])
+        missed = np.asarray(finite(jnp.asarray(values[places]), sizes)) - targets
+        return factors * missed, factors[:, None] * slopes
 
     return least_squares(
         lambda t: deviations(t)[0],

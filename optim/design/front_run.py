@@ -22,7 +22,7 @@ from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
-from ..records import agreed, as_given, design_row, in_si, next_command, said, versions, write_csv
+from ..records import agreed, as_given, design_row, in_si, next_command, said, seen, versions, write_csv
 from ..records import summary as summary_line
 from . import settings
 from .pareto import Front, pareto
@@ -99,7 +99,10 @@ def report(front: Front, console: Console) -> None:
         table.add_column(f"{name.replace('.', ' ')} {DISPLAY[kind][0]}", justify="right")
     for k in rows:
         design = front.designs[k]
-        values = [f"{v / DISPLAY[kind][1]:.5g}" for v, kind in zip(design.values, problem.kinds, strict=True)]
+        values = [
+            "none" if np.isinf(v) else f"{v / DISPLAY[kind][1]:.5g}"
+            for v, kind in zip(seen(problem, design), problem.kinds, strict=True)
+        ]
         numbers = [f"{x / DISPLAY[kind][1]:.5g}" for x, kind in zip(design.x, problem.space.kinds, strict=True)]
         table.add_row(str(k + 1), *values, *numbers)
     console.print(table)

@@ -55,6 +55,8 @@ BETTER = 1e-3
 FAR = 10.0
 """In ranges: from a point this far along one goal, the diagonal asks nothing of it."""
 
+NO_FRONT = "No design that keeps every constraint was found; there is no front."
+
 DISTINCT = 1e-3
 """Two designs whose goals all differ by less of their ranges are one point of the front."""
 
@@ -140,6 +142,11 @@ def pareto(
     t, terms = known.t[rows], known.terms[rows]
     with DeferInterrupt() as waiting:  # the front is found, and its designs are there once they are solved
         designs = designs_at(problem, known.score, known.evaluate, t)
+    # Along the whole way one may prove to have no equilibrium though designs nearby led to it.
+    kept = [k for k, design in enumerate(designs) if design.feasible]
+    if not kept:
+        raise InputError(NO_FRONT)
+    designs, terms = [designs[k] for k in kept], terms[kept]
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
     return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped or waiting.asked)
 
@@ -240,7 +247,7 @@ class _Known:
             self.add(on_bounds(np.stack(found)))
         feasible = self.broken <= FEASIBLE
         if not np.any(feasible):
-            raise InputError("No design that keeps every constraint was found; there is no front.")
+            raise InputError(NO_FRONT)
         if goals == 2:
             self.ends = np.argmin(np.where(feasible[:, None], self.scaled() @ weights.T, np.inf), axis=0)
         else:

@@ -26,6 +26,7 @@ from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
 from softgrip_jax.progress import counted, stages
 from softgrip_jax.quantities import AT_REST, solution_at
+from softgrip_jax.quantities import shown as in_words
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import Status, in_units
 from softgrip_jax.scene import Scene
@@ -35,7 +36,19 @@ from softgrip_jax.tables import Table
 from .. import rules
 from ..drives import beyond_law, by_other_drive
 from ..problem import Goal, Problem
-from ..records import agreed, as_given, design_row, in_si, next_command, said, summary, unsolved, versions, write_csv
+from ..records import (
+    agreed,
+    as_given,
+    design_row,
+    in_si,
+    next_command,
+    said,
+    seen,
+    summary,
+    unsolved,
+    versions,
+    write_csv,
+)
 from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
@@ -60,7 +73,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     read = configs.load(config)
     given = configs.standalone(config)
     wanted = settings.read(read)
-    wanted.problem.about = given.decode()
+    wanted.problem.about = f"{given.decode()}\n{wanted.problem.held_numbers()}"
     if wanted.is_front:
         if spread is not None:
             raise ConfigError(f"{config}, [design]: a front is searched in one process; leave out --workers.")
@@ -307,7 +320,7 @@ def report(result: SearchResult, console: Console) -> None:
     table.add_section()
     for k, (quantity, kind) in enumerate(zip(problem.quantities, problem.kinds, strict=True)):
         if quantity.along is None:  # the points of a shape are in designs.csv
-            table.add_row(problem.label(quantity), *(in_units(d.values[k], kind) for d in shown))
+            table.add_row(problem.label(quantity), *(in_words(seen(problem, d)[k], kind) for d in shown))
     followed = [goal for goal in problem.goals if goal.quantity.along is not None]
     if followed:
         table.add_row(
@@ -319,8 +332,8 @@ def report(result: SearchResult, console: Console) -> None:
         table.add_row(name, *values)
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
         k = problem.quantities.index(quantity)
-        start, name = result.reference.values[k], problem.label(quantity)
-        table.add_row(f"change of {name}", "", *(_change(start, d.values[k]) for d in shown[1:]))
+        start, name = seen(problem, result.reference)[k], problem.label(quantity)
+        table.add_row(f"change of {name}", "", *(_change(start, seen(problem, d)[k]) for d in shown[1:]))
         compared = beside.compared(quantity) if beside else None
         if compared is not None:
             other, drive, (first, *others) = compared
@@ -331,7 +344,7 @@ def report(result: SearchResult, console: Console) -> None:
     if problem.constrained:
         table.add_section()
     for k, (label, (of, *_)) in enumerate(zip(problem.constraint_labels(), problem.sides, strict=False)):
-        table.add_row(label, *(_room(d.violations[k]) if np.isfinite(d.values[of]) else "-" for d in shown))
+        table.add_row(label, *("-" if np.isnan(d.values[of]) else _room(d.violations[k]) for d in shown))
     for line in rules.summary(problem.rules, [d.margins for d in shown], len(problem.space.scenes) > 1):
         table.add_row(line.label, *(rules.words(margin) for margin in line.margins))
     table.add_row("status", *(" ".join(dict.fromkeys(s.name for s in d.statuses)) for d in shown))

@@ -173,12 +173,23 @@ def _variable(scenes: Scenes, table: DesignVariable, where: str) -> Variable:
     return Variable(number.name, low, high, table.scale)
 
 
+UNUSED = {
+    "target": "the points are what is to be reached",
+    "scale": "the length of the curve is the scale",
+    "scene": "of several scenes the key of the quantity begins with the one that is meant",
+}
+"""Why a goal has no use for a key."""
+
+
 def _goals(scenes: Scenes, table: GoalTable, where: str) -> list[Goal]:
     kinds = [kind for kind in ("minimise", "maximise", "reach", "follow") if getattr(table, kind) is not None]
     if len(kinds) != 1:
         raise ConfigError(
             f"{where}: a goal has {len(kinds)} of minimise, maximise, reach and follow; it must have one."
         )
+    for key in ("target", "scale") if table.follow is not None else ("scene",):
+        if getattr(table, key) is not None:
+            raise ConfigError(f"{where}: a goal has {key} beside {kinds[0]}; {UNUSED[key]}; leave out {key}.")
     if table.follow is not None:
         return _followed(scenes, table, table.follow, where)
     wanted, unit = quantity(scenes, getattr(table, kinds[0]), table.at, where)

@@ -17,11 +17,12 @@ from scipy import stats
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell
-from softgrip_jax.quantities import QuantitySet
+from softgrip_jax.quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, QuantitySet
 from softgrip_jax.results import Status
 
 from ..problem import Goal, Problem, Scaling
 from ..robust.parts import Parts, Requirements, problem_of_parts
+from ..robust.settings import require_felt
 from ..robust.statistics import quantile_weights, with_row_by_row
 from .settings import Decision, Settings
 
@@ -34,9 +35,10 @@ class Decided(NamedTuple):
     """What a decision is about, at every draw of the numbers."""
 
     values: Float[np.ndarray, " m"]
-    """SI, or Q of a yield; NaN where it has no value."""
+    """SI, or Q of a yield; NaN where it has no value, inf where it has no end, as the largest pressure of a scene that
+    has none."""
     slopes: Float[np.ndarray, "m n"]
-    """By the logarithms of the numbers; zero where it has no value."""
+    """By the logarithms of the numbers; zero where it has no value or no end."""
     yields: Float[np.ndarray, " m"] | None = None
     """Counted, where a yield is decided on."""
 
@@ -45,7 +47,7 @@ class Verdict(NamedTuple):
     """What a decision gains."""
 
     mean: float
-    """Over the draws, SI."""
+    """Over the draws, without those that have no end, SI."""
     before: float
     """Standard deviation, SI."""
     after: float
@@ -60,18 +62,20 @@ def decided(settings: Settings, decision: Decision, draws: np.ndarray, tell: Tel
     """What the decision is about, at draws of the numbers.
 
     Raises:
-        InputError: where more than a tenth of the draws have no value.
+        InputError: where more than a tenth of the draws have no value, or all of them no end.
     """
     tell("compiling what is decided")
     found = (
         _of_parts(settings, decision, draws, tell) if decision.uncertain else _of_quantity(settings, decision, draws)
     )
-    good = np.isfinite(found.values)
+    good = ~np.isnan(found.values)
     if good.mean() < LEAST_SHARE:
         raise InputError(
             f"{decision.key} has no value for {np.sum(~good)} of {len(good)} draws of what is known; it must have one "
             f"for {LEAST_SHARE:.0%}."
         )
+    if not np.any(np.isfinite(found.values)):
+        raise InputError(f"{decision.key} has no end, whatever is drawn of what is known; there is nothing to decide.")
     return found
 
 
@@ -86,9 +90,10 @@ def _of_quantity(settings: Settings, decision: Decision, draws: np.ndarray) -> D
         return found.values[0], (found.values[0], found.statuses[0])
 
     slopes, (values, status) = jax.jit(jax.vmap(jax.jacfwd(value, has_aux=True)))(jnp.asarray(draws))
-    good = (np.asarray(status) == Status.OK) & np.isfinite(np.asarray(values))
-    g = np.where(good[:, None], np.asarray(slopes) * draws, 0.0)
-    return Decided(np.where(good, np.asarray(values), np.nan), g)
+    values = np.where(np.asarray(status) == Status.OK, np.asarray(values), np.nan)
+    if asked.quantities[0].observable == LIMIT_MARGIN:
+        values = np.where(values == NO_LIMIT_MARGIN, np.inf, values)
+    return Decided(values, np.where(np.isfinite(values)[:, None], np.asarray(slopes) * draws, 0.0))
 
 
 def _of_parts(settings: Settings, decision: Decision, draws: np.ndarray, tell: Tell) -> Decided:
@@ -99,6 +104,7 @@ def _of_parts(settings: Settings, decision: Decision, draws: np.ndarray, tell: T
     space = settings.space
     # A problem has a goal; that of this one is never looked at.
     problem = problem_of_parts(Problem(space, [Goal("minimise", limits[0].quantity)], limits), uncertain.scatters)
+    require_felt(problem, uncertain, settings.where)
     parts = Parts(problem)
     s = uncertain.scatters.quasi_random(uncertain.samples, uncertain.seed)
     scaling, weights = Scaling(problem), quantile_weights(len(s), uncertain.wanted.promised)
@@ -126,7 +132,8 @@ def verdict(found: Decided, decision: Decision, prior: np.ndarray, after: np.nda
     """How often the decision is right now, and after the plan.
 
     After the data the quantity is normal about m with the variance v = mean g^T C g; before them m is normal about the
-    mean with the variance v_0 - v. Whoever decides for what is more probable is right with max(p, 1 - p).
+    mean with the variance v_0 - v. Whoever decides for what is more probable is right with max(p, 1 - p). A share of
+    draws without an end is as probable before as after: it keeps every lower bound and breaks every upper one.
 
     Args:
         found: what it is about.
@@ -134,14 +141,17 @@ def verdict(found: Decided, decision: Decision, prior: np.ndarray, after: np.nda
         prior: covariance of the logarithms, shape (n, n).
         after: the plan, at every draw, shape (m, n, n).
     """
-    g, mean = found.slopes, float(np.nanmean(found.values))
+    has_end = ~np.isinf(found.values)
+    g, mean = found.slopes[has_end], float(np.nanmean(found.values[has_end]))
     first = float(np.mean(np.einsum("mj,jk,mk->m", g, prior, g)))
-    last = float(np.mean(np.einsum("mj,mjk,mk->m", g, after, g)))
+    last = float(np.mean(np.einsum("mj,mjk,mk->m", g, after[has_end], g)))
+    endless = float(np.sum(~has_end) / np.sum(~np.isnan(found.values)))
 
     def right(left: float) -> float:
         means = mean + np.sqrt(max(first - left, 0.0)) * GRID
         normal = stats.norm(means, np.sqrt(left))
-        keeps = normal.cdf(decision.high) - normal.cdf(decision.low)
+        keeps = (1 - endless) * (normal.cdf(decision.high) - normal.cdf(decision.low))
+        keeps += endless * (decision.high == np.inf)
         weight = stats.norm.pdf(GRID)
         return float(np.sum(weight * np.maximum(keeps, 1 - keeps)) / np.sum(weight))
 

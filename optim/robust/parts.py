@@ -94,6 +94,7 @@ class Parts:
         evaluate.solves += len(rows)
         known, _ = evaluate.starts(rows)
         found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
+        evaluate._beyond(rows, found)
         left = np.flatnonzero(found.shortfall > 0)
         return _put(found, left, self._answer(rows[left])) if len(left) else found
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
+from softgrip_jax.results import Status
 
-from ..design.descent import SearchResult, designs_at, judged_with_slopes, search
+from ..design.descent import Design, SearchResult, designs_at, judged_with_slopes, search
 from ..problem import Limits, Problem, Scaling
 from .budget import Budget, budget
 from .count import FRESH, Count, counted, promised
@@ -107,7 +108,7 @@ class Scattered:
 
     def __init__(self, problem: Problem, uncertain: Uncertain):
         of_parts = problem_of_parts(problem, uncertain.scatters)
-        of_parts.about = problem.about and f"{problem.about}\nparts"
+        of_parts.about = problem.about and f"{problem.about}\nparts {of_parts.space.scatter_held()}"
         self.problem, self.uncertain, self.parts = problem, uncertain, Parts(of_parts)
         self.designs = DesignsOfParts(self.parts)
 
@@ -162,12 +163,16 @@ class Scattered:
             wants, at_nominal, fresh, lambda done: tell("counting parts of the nominal best", done, fresh)
         )
         lap("counting")
-        front = _front(wants, best, uncertain, tell)
-        lap("front")
-        tell("comparing tolerances")
-        compared = budget(wants, best) if uncertain.budget else None
-        lap("tolerances")
-        result = self._with_best(nominal, best, scaling)
+        front, compared, stopped = (), None, False
+        try:
+            front = _front(wants, best, uncertain, tell)
+            lap("front")
+            tell("comparing tolerances")
+            compared = budget(wants, best) if uncertain.budget else None
+            lap("tolerances")
+        except KeyboardInterrupt:  # the robust design is found, and its parts are counted
+            stopped = True
+        result = dataclasses.replace(self._with_best(nominal, best, scaling), stopped=stopped)
         found = Robust(
             *(
                 uncertain,
@@ -194,7 +199,7 @@ class Scattered:
         own = designs_at(problem, judging, self.designs, best.t[None])[0]
         wanted = self.uncertain.wanted
         what = f"a yield of {wanted.promised:.4g}" if wanted.promised else f"the {wanted.goal} case of its parts"
-        own = dataclasses.replace(own, feasible=best.kept and own.answered, active=(what, *own.active))
+        own = dataclasses.replace(own, feasible=is_feasible(own, best.kept), active=(what, *own.active))
         start = problem.space.to_unit(problem.space.reference)
         return dataclasses.replace(
             nominal,
@@ -203,6 +208,12 @@ class Scattered:
             descended=float("nan"),
             solutions=self.designs.solutions(np.stack([start, best.t])),
         )
+
+
+def is_feasible(own: Design, kept: bool) -> bool:
+    """Whether a robust design keeps what is wanted of its parts, and can exist itself: what holds for most of its parts
+    need not hold for the design in their middle."""
+    return kept and own.answered and Status.IMPOSSIBLE not in own.statuses
 
 
 def robust_search(

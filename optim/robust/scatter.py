@@ -233,6 +233,10 @@ class ScatteredSpace(Space):
         self.kinds += ["number"] * scatters.size
         self.reference = np.append(self.reference, np.zeros(scatters.size))
 
+    def scatter_held(self) -> str:
+        """What compiled programs hold of how numbers scatter, in words."""
+        return repr((self._moved, self._of_pressure, self.scatters.names))
+
     def from_unit(self, t: Float[Array, " n"]) -> Float[Array, " n"]:
         """SI values of the design, then s, from unit values of the design, then s."""
         return jnp.concatenate([super().from_unit(t[: self.designed]), t[self.designed :]])

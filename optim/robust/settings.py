@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,7 +45,7 @@ PRESSURE_KEY = "pressure_kPa"
 
 
 class UncertainNumber(Table):
-    name: str | list[str]
+    name: str | Annotated[list[str], pydantic.Field(min_length=1)]
     deviation: float | None = None
     relative: float | None = None
     distribution: Literal[DISTRIBUTIONS] = "normal"  # type: ignore[valid-type]
@@ -160,9 +160,27 @@ def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[
 
 
 def require_counted(problem: Problem, uncertain: Uncertain, where: str) -> None:
-    """A ConfigError where a yield has nothing to count."""
+    """A ConfigError where a yield has nothing to count, and where a pressure scatters that no state is asked at."""
+    require_felt(problem, uncertain, where)
     if uncertain.wanted.promised is not None and not (uncertain.limits or problem.limits) and not problem.rules:
         raise ConfigError(f"{where}: a yield needs something to keep; give requirements or constraints.")
+
+
+def require_felt(problem: Problem, uncertain: Uncertain, where: str) -> None:
+    """A ConfigError where the pressure scatters but no state is asked for at one, or where it may fall to zero."""
+    scatter = next((number for number in uncertain.scatters.numbers if number.name == PRESSURE), None)
+    if scatter is None:
+        return
+    pressures = [at for _, at in problem.asked.states if isinstance(at, float)]
+    if not pressures:
+        raise ConfigError(
+            f"{where}: {PRESSURE_KEY} scatters, but nothing is asked for at a pressure; leave it out, or ask at = "
+            "{ pressure_kPa = 31 }, for instance."
+        )
+    least = min(pressures) + scatter.deviation * scatter.deviations(np.array([-WIDEST]))[0]
+    if not scatter.relative and least <= 0:
+        value = least / DISPLAY["pressure"][1]
+        raise ConfigError(f"{where}: {PRESSURE_KEY} scatters as far as {value:.4g} kPa; it must stay above zero.")
 
 
 def _require_share(name: str, share: float | None, where: str) -> None:

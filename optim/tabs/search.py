@@ -91,6 +91,8 @@ class SearchRequest:
         found = Problem(Space({SCENE: self.scene}, self.variables), [goal], [*limits, *self.kept])
         found.about = self.about()
         if found.about:
+            # Which rules are kept is told by the starting design, whose numbers may move and are no part of the words.
+            found.about += repr(found.rules)
             found._programs = PROGRAMS.setdefault(found.about, {})
             while len(PROGRAMS) > MOST_PROGRAMS:
                 del PROGRAMS[next(iter(PROGRAMS))]

@@ -13,11 +13,13 @@ from ..pneunet import Gripper
 from ..pneunet.finger import PneuNet
 from ..scene import Scene
 from ..shell import FlatShell
+from ..shell.flat_shell import ShellScene
 from . import solids as solids
 from .checks import Check as Check
 from .checks import check_mesh as check_mesh
 from .checks import check_solids as check_solids
 from .checks import check_thicknesses as check_thicknesses
+from .finger_parts import counts_of
 from .finger_parts import finger_export as finger_export
 from .finger_parts import gripper_base as gripper_base
 from .limits import check_bed
@@ -50,18 +52,28 @@ def growth(table: ManufactureTable) -> float:
     return 1 / (1 - table.shrinkage_percent / 100)
 
 
-def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True) -> Export:
-    """The parts of a scene's actuator, and its moulds; an InputError in one sentence where that cannot be made."""
+def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True, drawn: Scene | None = None) -> Export:
+    """The parts of a scene's actuator, and its moulds; an InputError in one sentence where that cannot be made.
+
+    drawn: the scene of the mould, where that is there already: a finger has as many chambers as it.
+    """
     actuator = actuator_of(scene)
     if actuator is None:
         raise InputError(f"A {type(scene).__name__} has neither a shell nor a finger to be made.")
     if isinstance(actuator, FlatShell):
+        if isinstance(scene, ShellScene) and type(scene).energy_scene is ShellScene.energy_scene:
+            raise InputError(
+                f"A {type(scene).__name__} does not say what its membrane touches, so that the ring cannot be kept "
+                "clear of it; export shell.Free with the same shell where it touches nothing."
+            )
         export = shell_export(actuator, table, with_moulds)
         # The arcs know their object by its numbers, their twin by energy by its distance.
-        twin = scene.energy_scene() if hasattr(scene, "energy_scene") else scene.prepared()  # pyright: ignore
+        twin = scene.energy_scene() if isinstance(scene, ShellScene) else scene.prepared()
         check_ring(getattr(twin, "body", None), actuator, table)
     else:
-        export = finger_export(actuator, table, with_moulds)
+        mould = actuator if drawn is None else actuator_of(drawn)
+        assert isinstance(mould, PneuNet)
+        export = finger_export(actuator, table, with_moulds, counts_of(mould))
         gripper = getattr(scene, "gripper", None)
         if isinstance(gripper, Gripper):
             base = gripper_base(gripper, table)

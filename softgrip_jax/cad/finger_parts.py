@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -43,48 +44,63 @@ class Chamber:
         return self.start + self.length
 
 
-def chambers_of(finger: PneuNet) -> list[Chamber]:
-    """The chambers of a finger. Each segment holds as many whole ones as fit; what is left is cover alone, half of it
-    at either end of the segment."""
+def segments_of(finger: PneuNet) -> list[tuple[float, ...]]:
+    """(its length, a, b, h_x, t, h_L) of every segment, mm."""
     count = finger.segments or 1
     columns = [
         np.broadcast_to(np.asarray(getattr(finger, name), dtype=float) / mm, (count,)) for name in SEGMENT_FIELDS
     ]
-    total = float(finger.L) / mm
     pitches = 2 * columns[2] + columns[4]
-    lengths = total * pitches / pitches.sum()
-    found: list[Chamber] = []
-    start = 0.0
-    for number, values in enumerate(zip(*columns, strict=True), start=1):
-        a, b, h_x, t, h_L = map(float, values)
-        pitch, room = 2 * h_x + h_L, float(lengths[number - 1])
+    lengths = float(finger.L) / mm * pitches / pitches.sum()
+    return [tuple(map(float, values)) for values in zip(lengths, *columns, strict=True)]
+
+
+def counts_of(finger: PneuNet) -> list[int]:
+    """How many whole chambers fit into each segment."""
+    counts: list[int] = []
+    for number, (room, _, _, h_x, _, h_L) in enumerate(segments_of(finger), start=1):
+        pitch = 2 * h_x + h_L
         fits = math.floor(room / pitch + 1e-6)
         if fits < 1:
             raise InputError(
                 f"Segment {number} is {room:.4g} mm long, shorter than its chamber with its gap ({pitch:.4g} mm); "
                 "raise L_mm or lower h_L_mm."
             )
-        if len(found) + fits > MOST_CHAMBERS:
-            raise InputError(f"The finger has more than {MOST_CHAMBERS} chambers; raise h_L_mm or lower L_mm.")
+        counts.append(fits)
+    if sum(counts) > MOST_CHAMBERS:
+        raise InputError(f"The finger has more than {MOST_CHAMBERS} chambers; raise h_L_mm or lower L_mm.")
+    return counts
+
+
+def chambers_of(finger: PneuNet, counts: Sequence[int] | None = None) -> list[Chamber]:
+    """The chambers of a finger. Each segment holds as many whole ones as fit, or `counts` of them where a mould has
+    fixed that; what is left is cover alone, half of it at either end of the segment."""
+    found: list[Chamber] = []
+    start = 0.0
+    segments = zip(segments_of(finger), counts or counts_of(finger), strict=True)
+    for number, ((room, a, b, h_x, t, h_L), fits) in enumerate(segments, start=1):
+        pitch = 2 * h_x + h_L
         first = start + (room - fits * pitch) / 2 + h_x
         found += [Chamber(first + k * pitch, h_L, a, b, t, 2 * h_x, number) for k in range(fits)]
-        start += float(room)
+        start += room
     return found
 
 
-def finger_export(finger: PneuNet, table: ManufactureTable, with_moulds: bool) -> Export:
-    """The parts of a finger and their moulds."""
+def finger_export(
+    finger: PneuNet, table: ManufactureTable, with_moulds: bool, counts: Sequence[int] | None = None
+) -> Export:
+    """The parts of a finger and their moulds; `counts` as in `chambers_of`."""
     H, B, L = (float(value) / mm for value in (finger.H, finger.B, finger.L))
-    chambers = chambers_of(finger)
+    chambers = chambers_of(finger, counts)
     top_wall = B / 10 if table.top_wall_mm is None else table.top_wall_mm
     sides = [(B - 2 * one.b) / 2 if table.side_wall_mm is None else table.side_wall_mm for one in chambers]
     c, w = table.channel_mm, table.channel_wall_mm
-    check(chambers, sides, top_wall, B, table)
-    foot = H + c + 2 * w
     back = -table.foot_mm
+    front = min(0.0, chambers[0].start - max(chambers[0].gap, table.least_core_mm))  # a fin of the mould stands there
+    check(chambers, sides, top_wall, H, B, front - back, table)
+    foot = H + c + 2 * w
 
     # The outside of the body: foot, chambers, tunnels between them.
-    front = min(0.0, chambers[0].start - max(chambers[0].gap, table.least_core_mm))  # a fin of the mould stands there
     outside = [Block((back, -B / 2, H), (front, B / 2, foot))]
     cores: list[Block] = []
     ridges: list[Block] = []
@@ -118,7 +134,7 @@ def finger_export(finger: PneuNet, table: ManufactureTable, with_moulds: bool) -
         + ("" if min(sides) == max(sides) else f" to {max(sides):.4g} mm"),
         "length of the cover without whole chambers": f"{L - sum(one.length + one.gap for one in chambers):.4g} mm",
     }
-    probes = probes_of(chambers, sides, top_wall, H, B, L, table)
+    probes = probes_of(chambers, sides, top_wall, H, B, L, (back + front) / 2, table)
     return Export("finger", [whole, body, base, clamp, cap], moulds, probes, facts)
 
 
@@ -170,7 +186,8 @@ def gripper_base(gripper: Gripper, table: ManufactureTable) -> Piece:
     face = float(gripper.midline_radius()) / mm - H / 2
     y, low, high = B / 2 + gap + frame, -gap - frame, H + c + 2 * table.channel_wall_mm + gap + frame
     least = y / math.tan(math.pi / n) - low if n > 2 else -low
-    at_least("base_radius_mm", face, least, f"the clamps of {n} fingers would overlap; or lower frame_mm")
+    base = float(gripper.base_radius) / mm
+    at_least("base_radius_mm", base, least + base - face, f"the clamps of {n} fingers would overlap; or lower frame_mm")
     radius = math.hypot(face + high, y) + table.least_wall_mm
     places = corners((face + low + frame / 2, face + high - frame / 2), (-y + frame / 2, y - frame / 2))
     holes: list[Shape] = []
@@ -229,15 +246,17 @@ def probes_of(
     H: Number,
     B: Number,
     L: Number,
+    foot: Number,
     table: ManufactureTable,
 ) -> list[Probe]:
-    """Every wall of every chamber, the gaps' lengths by the chambers' outer lengths, cover and tunnel."""
+    """Every wall of every chamber, the gaps' lengths by the chambers' outer lengths, cover, tunnel, and the foot, whose
+    middle is at `foot`."""
     along, across, up = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
     c, w = table.channel_mm, table.channel_wall_mm
     probes = [
         Probe("finger", "cover", (chambers[0].start / 2 + chambers[0].end / 2, 0.1, H / 2), up, H),
         Probe("finger", "cover, across", (L - 1e-3, 0.0, H / 2), across, B),
-        Probe("finger", "foot above the air channel", (table.foot_mm * -0.5, 0.0, H + c + w), up, 2 * w),
+        Probe("finger", "foot above the air channel", (foot, 0.0, H + c + w), up, 2 * w),
     ]
     for number, (one, side) in enumerate(zip(chambers, sides, strict=True), start=1):
         middle, height, y = (one.start + one.end) / 2, H + one.a + (c + w) / 2, 0.3 * one.b
@@ -252,12 +271,21 @@ def probes_of(
     return probes
 
 
-def check(chambers: list[Chamber], sides: list[Number], top_wall: Number, B: Number, table: ManufactureTable) -> None:
-    """The rules of a finger; an InputError in one sentence."""
+def check(
+    chambers: list[Chamber],
+    sides: list[Number],
+    top_wall: Number,
+    H: Number,
+    B: Number,
+    foot: Number,
+    table: ManufactureTable,
+) -> None:
+    """The rules of a finger whose foot is so long; an InputError in one sentence."""
     check_common(table)
     c, w = table.channel_mm, table.channel_wall_mm
     thin = table.least_silicone_mm
     why = "liquid silicone does not fill a thinner wall (least_silicone_mm)"
+    at_least("H_mm", H, thin, why)
     at_least("top_wall_mm", top_wall, thin, why)
     at_least("channel_wall_mm", w, thin, why)
     for one, side in zip(chambers, sides, strict=True):
@@ -287,5 +315,6 @@ def check(chambers: list[Chamber], sides: list[Number], top_wall: Number, B: Num
     bore = math.sqrt(2) * c - 2 * table.least_wall_mm
     at_least("the bore of the end cap's nipple, 1.41 channel_mm - 2 least_wall_mm,", bore, 0.5, "raise channel_mm")
     at_least("port_mm", table.port_mm, bore, "the tube must not be narrower than the bore of the nipple")
-    room = (B - c) / 2
-    at_least("the foot beside the air channel", min(room, table.foot_mm), table.pour_mm, "lower pour_mm or raise B_mm")
+    at_least("the foot beside the air channel", (B - c) / 2, table.pour_mm, "lower pour_mm or raise B_mm")
+    where = "the foot between its end (foot_mm) and the fin behind the first chamber (h_x_mm)"
+    at_least(where, foot, table.pour_mm, "a pour hole ends on it; raise foot_mm, or lower h_x_mm or pour_mm")

@@ -18,6 +18,11 @@ class Piece:
     made: str
     """"cast", "printed", "bonded" (of cast ones) or "mould"."""
 
+    @property
+    def hangs(self) -> bool:
+        """Whether it is a lid: it is drawn as it closes its mould, with its cores below the plate."""
+        return self.name.endswith(" lid")
+
 
 @dataclasses.dataclass(frozen=True)
 class Probe:

@@ -1,6 +1,7 @@
 """Printed pieces laid out on the beds of a printer, and written as 3MF files, one a plate.
 
-Pieces stand as they are drawn, turned about the vertical by a right angle where only that fits. They are laid in rows,
+Pieces stand as they are drawn, lids turned over so that their cores stand on their plate, and turned about the vertical
+by a right angle where only that fits. They are laid in rows,
 the deepest first, each row as deep as its deepest piece (the shelf algorithm of two-dimensional packing).
 
 Libraries that were looked at: rectpack fills a bed more densely and keeps neither the order nor the way that pieces
@@ -17,7 +18,7 @@ from typing import Any, NamedTuple
 
 from .parts import Export, Piece
 from .rules import ManufactureTable
-from .solids import Number, extent, kernel, moved, scaled, volume
+from .solids import Number, extent, kernel, moved, scaled, turned, volume
 
 BETWEEN = 5.0
 """Millimetres between two pieces, and to the edge where there is room for it."""
@@ -50,24 +51,25 @@ def laid_out(pieces: Sequence[tuple[Piece, Number]], table: ManufactureTable) ->
     for piece, scale in pieces:
         x, y = (scale * length for length in extent(piece.solid)[:2])
         # The longer side along the bed's width keeps rows shallow.
-        turned = (y > x and y <= width and x <= depth) or not (x <= width and y <= depth)
-        waiting.append((piece, scale, turned, (y, x) if turned else (x, y)))
+        aside = (y > x and y <= width and x <= depth) or not (x <= width and y <= depth)
+        waiting.append((piece, scale, aside, (y, x) if aside else (x, y)))
     plates: list[list[Placed]] = []
     x = y = row = 0.0
-    for piece, scale, turned, size in sorted(waiting, key=lambda one: -one[3][1]):
+    for piece, scale, aside, size in sorted(waiting, key=lambda one: -one[3][1]):
         if plates and x + size[0] > width:  # the next row
             x, y, row = 0.0, y + row + BETWEEN, 0.0
         if not plates or y + size[1] > depth:
             plates.append([])
             x, y, row = 0.0, 0.0, 0.0
-        plates[-1].append(Placed(piece, scale, turned, x, y, size))
+        plates[-1].append(Placed(piece, scale, aside, x, y, size))
         x, row = x + size[0] + BETWEEN, max(row, size[1])
     return plates
 
 
 def solid_of(placed: Placed) -> Any:
     """The solid where it stands on its plate."""
-    solid = scaled(placed.piece.solid, placed.scale)
+    piece = placed.piece
+    solid = scaled(turned(piece.solid) if piece.hangs else piece.solid, placed.scale)
     if placed.turned:
         solid = kernel().Rot(0, 0, 90) * solid
     low = solid.bounding_box().min

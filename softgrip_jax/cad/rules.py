@@ -61,7 +61,7 @@ class ManufactureTable(Table):
     mould_floor_mm: Length = 4.0
     """Below the cavity, and thickness of lids."""
     pin_mm: Length = 4.0
-    """Diameter of alignment pins, and their height."""
+    """Diameter of alignment pins; they are as high as mould_floor_mm."""
     draft_deg: Annotated[float, pydantic.Field(ge=0, le=10, strict=False)] = 3.0
     """Of alignment pins. Walls of a cavity have none: silicone bends out of them, and they are as thick as asked."""
     pour_mm: Length = 4.0

@@ -44,8 +44,8 @@ def export(
     if fe is not None:
         from ..commands.verify import run_deck
 
-        if step or stl or mould:
-            raise typer.BadParameter("--fe writes a deck alone; leave out --step, --stl and --mould.")
+        if step or stl or mould or as_json:
+            raise typer.BadParameter("--fe writes a deck alone; leave out --step, --stl, --mould and --json.")
         run_deck(config, pressure_kpa, scene, fe, out)
         return
     if pressure_kpa is not None:

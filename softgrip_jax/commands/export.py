@@ -15,6 +15,7 @@ from rich.console import Console
 from ..errors import CellRangeWarning, InputError, located
 from ..folders import contents, new_folder
 from .files import one_scene, tell_folder
+from .path import why_no_limit
 from .programs import kept
 
 
@@ -144,7 +145,11 @@ def expectations(read: Any) -> list[tuple[str, str]]:
             rows.append(("state", f"none: {error}"))
         try:
             limit = float(limit_pressure(read.scene))
-            rows.append(("limit pressure", in_units(limit, "pressure") if np.isfinite(limit) else "none"))
+            if np.isnan(limit):
+                told = f"unknown: {why_no_limit(read.scene)}"
+            else:
+                told = "none" if np.isinf(limit) else in_units(limit, "pressure")
+            rows.append(("limit pressure", told))
         except InputError as error:
             rows.append(("limit pressure", f"none: {error}"))
     return rows
@@ -161,9 +166,8 @@ def draw_all(folder: Path, export: Any) -> list[str]:
     for name, (pieces, title) in rows.items():
         shown = []
         for one in pieces:
-            is_lid = one.name.endswith(" lid")  # its cores are below
-            solid = solids.turned(one.solid) if is_lid else one.solid
-            words = f"{one.name}, turned over" if is_lid else one.name
+            solid = solids.turned(one.solid) if one.hangs else one.solid
+            words = f"{one.name}, turned over" if one.hangs else one.name
             shown.append((words, solids.triangles(solid), solids.edges(solid)))
         solids_figure(shown, title).savefig(folder / f"{name}.png", dpi=110)
         names.append(f"{name}.png")

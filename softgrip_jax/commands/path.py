@@ -76,7 +76,9 @@ def run_path(
         first = configs.read_numbers(from_kpa, "--from-kPa", "nonnegative", "pressure", [""])
         limit = float(limit_pressure(asked)) if through_limit or to_kpa is None else None
         if to_kpa is None:
-            if limit is None or not np.isfinite(limit):
+            if limit is None or np.isnan(limit):
+                raise ConfigError(f"{config}: this scene has no curve up to a limit pressure: {why_no_limit(asked)}.")
+            if np.isinf(limit):
                 raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
             last = limit
         else:
@@ -133,6 +135,14 @@ def run_path(
             )
         tell_of("The animation", animate, as_json)
     return True
+
+
+def why_no_limit(scene: Any) -> str:
+    """Why the limit pressure of a scene is NaN, in words."""
+    from ..questions import solve
+
+    state = solve(scene, 0.0)
+    return "it was not found" if int(state.status) == 0 else state.reason_text()
 
 
 def command_of(

@@ -1,7 +1,8 @@
 """`softgrip solve CONFIG.toml --posterior P.nc`: one scene by the draws of a posterior, an interval for every value.
 
 Each draw moves the numbers of the scene that the posterior knows, jointly; the others stay as the config gives them.
-Draws without equilibrium are counted and named: the intervals are those of the others.
+Draws without equilibrium, and those that touch nothing yet, are counted and named: the intervals are those of the
+others.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pres
     from ..units import SI
 
     status, reason, detail, pressure, observables = states
-    solved = np.isin(status, (Status.OK, Status.NO_CONTACT))
+    solved = status == Status.OK
     kinds = {"pressure": "pressure"} | dict(scene.prepared().OBSERVABLES)
     columns = ({} if given_pressure else {"pressure": pressure}) | {
         n: observables[n] for n in kinds if n in observables
@@ -134,8 +135,8 @@ def _report(scene: Any, told: dict[str, Any], posterior: Path, console: Console)
     console.print(table)
     if told["solved"] < told["draws"]:
         console.print(
-            f"{told['draws'] - told['solved']} of {told['draws']} draws have no equilibrium, and the intervals are "
-            "those of the others:",
+            f"{told['draws'] - told['solved']} of {told['draws']} draws have no equilibrium or touch nothing, and the "
+            "intervals are those of the others:",
             soft_wrap=True,
             highlight=False,
         )

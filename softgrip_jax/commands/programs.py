@@ -130,17 +130,35 @@ def program(
     return run
 
 
+KNOWN_BY_VERSION = ("builtins", "jax", "jaxlib", "equinox", "optax", "numpy")
+"""Whose classes are as their versions say."""
+
+
+def files_of(tree: Any, *modules: str) -> list[tuple[str, int, int]]:
+    """(path, size, time) of every file that the classes of a tree's structure, and modules by name, are made of: this
+    package, and the package or the file of whoever wrote a class of his own."""
+    inside, left = set(), [tree]
+    while left:
+        node = left.pop()
+        left += node.children()
+        if node.node_data() is not None:
+            inside.add(node.node_data()[0].__module__)
+    tops = {name.partition(".")[0] for name in (*inside, *modules)}.difference(KNOWN_BY_VERSION)
+    files = set(PACKAGE.rglob("*.npz"))
+    for top in tops | {__package__.partition(".")[0]}:
+        file = Path(getattr(sys.modules[top], "__file__", None) or "")
+        files |= set(file.parent.rglob("*.py")) if file.name == "__init__.py" else {file} if file.is_file() else set()
+    return sorted((str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files)
+
+
 def _key(function: Callable[..., Any], tree: Any, arrays: Any, words: list[str]) -> str:
     """What a program depends on, in one word."""
     import jax
     from jaxlib.version import __version__ as jaxlib_version
 
-    own = Path(sys.modules[function.__module__.partition(".")[0]].__file__ or "").parent
-    sources = [p for folder in {PACKAGE, own} for p in folder.rglob("*.py")]
-    files = [(str(p), p.stat().st_size, p.stat().st_mtime_ns) for p in sources]
     shapes = [(a.shape, str(a.dtype), a.weak_type) for a in arrays]
     parts = (
-        *(function.__module__, function.__qualname__, str(tree), shapes, words, sorted(files)),
+        *(function.__module__, function.__qualname__, str(tree), shapes, words, files_of(tree, function.__module__)),
         *(jax.__version__, jaxlib_version, jax.default_backend(), jax.config.read("jax_enable_x64")),
     )
     return hashlib.sha256(repr(parts).encode()).hexdigest()

@@ -30,7 +30,7 @@ import numpy as np
 from .. import pneunet as pneunet  # a class has a key once it is known
 from .. import shell as shell
 from ..errors import ConfigError as ConfigError
-from ..errors import located
+from ..errors import InputError, located
 from ..fields import RULES, Checked, wanted
 from ..objects.friction import Friction
 from ..plausible import units_are_stated
@@ -212,10 +212,25 @@ def to_table(module: Any, bases: tuple[type, ...]) -> dict[str, Any]:
             table[key.key] = to_table(value, meta.get("types", (Friction,)))
         elif "rule" in meta or meta.get("friction"):
             table[key.key] = _in_unit(np.asarray(value), DISPLAY[meta.get("kind", "number")][1])
+        elif "methods" in meta:
+            table[key.key] = _method_table(key, value)
         else:
             if isinstance(value, meta.get("instance", ())):
                 raise ConfigError(f"{key.key} is a {type(value).__name__}, and a config can hold a name there only.")
             table[key.key] = list(value) if "names" in meta else str(value) if "instance" in meta else value
+    return table
+
+
+def _method_table(key: Key, method: Any) -> dict[str, Any]:
+    """The table of a method: its name, and the fields in which it is not what the name alone stands for."""
+    name, read = type(method).__name__.lower(), key.field.metadata["converter"]
+    try:
+        plain = read(name)
+        own = {field.name: getattr(method, field.name) for field in dataclasses.fields(method)}
+        table = {"type": name} | {field: value for field, value in own.items() if value != getattr(plain, field, None)}
+        read(table)
+    except InputError as error:
+        raise ConfigError(f"{key.key} is a {type(method).__name__} that no config can say: {error}") from None
     return table
 
 

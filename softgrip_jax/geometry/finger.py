@@ -66,6 +66,8 @@ class Place(NamedTuple):
     """Where its segment ends, or the finger."""
     fields: dict[str, float]
     """Its a, b, h_x, t_m, h_L, m."""
+    has_neighbour: bool = True
+    """Whether another chamber follows: the last wall at the tip presses on nothing."""
 
     @property
     def height(self) -> float:
@@ -81,11 +83,6 @@ class Place(NamedTuple):
     def fits(self) -> bool:
         """Whether the chamber, where the end of the finger does not cut it, has room between its walls."""
         return self.fields["h_L"] > 2 * self.fields["t_m"]
-
-    @property
-    def has_neighbour(self) -> bool:
-        """Whether another chamber follows: the wall at the tip presses on nothing."""
-        return self.last < self.end - NOTHING
 
 
 def chamber_places(finger: PneuNet) -> list[Place]:
@@ -106,7 +103,8 @@ def chamber_places(finger: PneuNet) -> list[Place]:
     places = zip(starts.tolist(), firsts.tolist(), lasts.tolist(), ends.tolist(), strict=True)
     each = zip(*(values.tolist() for values in fields.values()), strict=True)
     every = [Place(*at, dict(zip(fields, own, strict=True))) for at, own in zip(places, each, strict=True)]
-    return [place for place in every if place.last - place.first > NOTHING]
+    kept = [place for place in every if place.last - place.first > NOTHING]
+    return [place._replace(has_neighbour=number < len(kept)) for number, place in enumerate(kept, 1)]
 
 
 def boxes(line: Line, finger: PneuNet, places: list[Place]) -> np.ndarray:

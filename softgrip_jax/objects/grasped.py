@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import abc
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -26,6 +26,9 @@ class Object(Checked):
     if TYPE_CHECKING:
         mass: Scalar
         friction: Any
+
+    FACES: ClassVar[int] = 0
+    """Equal flat faces around the axis; 0 for what is round."""
 
     @abc.abstractmethod
     def radius_at(self, height: Scalar) -> Scalar:
@@ -69,7 +72,7 @@ class Cylinder(Object):
 
 
 class HexagonalCylinder(Object):
-    """A hexagonal cylinder, upright, held on three of its faces.
+    """A hexagonal cylinder, upright, held on two, three or six of its faces.
 
     Args:
         side: of the hexagon, m; the tips touch at the apothem, side sqrt(3)/2.
@@ -86,6 +89,8 @@ class HexagonalCylinder(Object):
         >>> print(f"{prism.radius_at(10 * mm) / mm:.2f} mm")
         12.99 mm
     """
+
+    FACES: ClassVar = 6
 
     side: Scalar = positive("length")
     mass: Scalar = nonnegative("mass")
@@ -176,6 +181,8 @@ class ThreeFaceCone(Taper):
         >>> print(f"{pyramid.base_radius() / mm:.2f} mm")
         17.32 mm
     """
+
+    FACES: ClassVar = 3
 
     side: Scalar = positive("length")
     height: Scalar = positive("length")

@@ -123,7 +123,8 @@ class Grasp(FingerScene):
         - end_moment: M_T, N m, positive in the bending direction.
 
     Raises:
-        InputError: where a field breaks its rule, or stand_distance is missing (outside of jit).
+        InputError: where a field breaks its rule, or stand_distance is missing (outside of jit); where the object has
+            flat faces and the fingers, equally spaced, do not all meet the middle of one.
 
     Source: thesis 4.4.2, 5.2.3, algorithm 7; "face" is own.
 
@@ -159,6 +160,13 @@ class Grasp(FingerScene):
             raise InputError(
                 f"Grasp.stand_distance is missing: the radius of a {type(self.object).__name__} depends on the height "
                 "of the tip, so give stand_distance, or tip_offset itself."
+            )
+        n, faces = self.gripper.n, self.object.FACES
+        if faces % n:
+            fitting = ", ".join(str(k) for k in range(2, faces + 1) if faces % k == 0)
+            raise InputError(
+                f"Gripper.n is {n}, and a {type(self.object).__name__} has {faces} faces, so that fingers would meet "
+                f"its edges; n that fit: {fitting}."
             )
 
     @property

@@ -59,7 +59,7 @@ def _readable(path: Path) -> Iterator[None]:
     """A ConfigError with its name where a file of a run is damaged."""
     try:
         yield
-    except (OSError, ValueError, csv.Error) as error:
+    except (OSError, UnicodeError, json.JSONDecodeError, tomllib.TOMLDecodeError, csv.Error) as error:
         why = getattr(error, "strerror", None) or str(error).rstrip(".")
         raise ConfigError(f"{path} cannot be read: {why}.") from None
 
@@ -68,8 +68,8 @@ def read_json(path: Path) -> dict[str, Any]:
     """A result.json; {} where there is none."""
     with _readable(path):
         found = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-        if not isinstance(found, dict):
-            raise ValueError("it holds no table of names and values")
+    if not isinstance(found, dict):
+        raise ConfigError(f"{path} cannot be read: it holds no table of names and values.")
     return found
 
 
