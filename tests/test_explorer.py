@@ -15,7 +15,7 @@ import pytest
 
 import softgrip_jax as sg
 from softgrip_jax import config as configs
-from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.errors import CellRangeWarning, ConfigError, InputError
 from softgrip_jax.explorer import answers, models
 from softgrip_jax.explorer.controls import numbers_of
 from softgrip_jax.explorer.latest import Latest
@@ -698,3 +698,21 @@ def test_files_outside_of_the_scripts_are_not_given():
 def test_a_port_that_is_taken_is_told():
     with front() as (made, _), pytest.raises(InputError, match="cannot listen at localhost, port"):
         Front(lambda: None, "localhost", made.port)
+
+
+def test_a_cell_outside_of_its_law_s_range_says_so():
+    """Within it, its rules are what is near; the range is no rule that something could be broken by."""
+    from softgrip_jax.explorer.page import near_words
+
+    finger = sg.PneuNet.table_5_1("A")
+
+    def said(finger):
+        state = answers.state_of(sg.pneunet.Cell(finger), 10 * kPa, {})
+        assert state.ok
+        return near_words(state.margins[0])
+
+    assert re.match(r"; nearest rule \w+: [\d.]+ mm left$", said(finger))
+    with pytest.warns(CellRangeWarning):
+        assert said(dataclasses.replace(finger, a=9 * mm)) == (
+            "; a dimension is 1.8 mm outside of what the cell law was fitted to"
+        )

@@ -218,9 +218,9 @@ def state_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> St
     solution = programs(*asked_of(scene, pressure, task))
     status = Status(int(solution.status))
     ok = status is Status.OK
-    known = sorted(
-        ((n, float(m)) for n, m in jax.device_get(solution.margins).items() if np.isfinite(m)), key=lambda pair: pair[1]
-    )
+    found = ((n, float(m)) for n, m in jax.device_get(solution.margins).items() if np.isfinite(m))
+    # Of the range that a law is known for only that it is left is worth a word.
+    known = sorted(((n, m) for n, m in found if Reason[n.upper()].forbids or m < 0), key=lambda pair: pair[1])
     drawn = sections(solution) if ok and has_sections(solution.scene) else ()
     message = "" if ok else f"{status.name}: {solution.reason_text()}"
     return State(ok, message, float(solution.pressure), tuple(known), drawn, solution, scene)

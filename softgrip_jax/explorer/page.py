@@ -18,6 +18,7 @@ from panel.models.plotly import PlotlyPlot
 from .. import plugins
 from ..errors import InputError
 from ..progress import Tell
+from ..reasons import Reason
 from ..scene import Scene
 from ..units import kPa
 from .answers import CurveData, Helps, State, part_of
@@ -626,8 +627,7 @@ class Page:
     def _show_words(self, state: State, question: Question, kind: str) -> None:
         """The numbers of the picture that is shown: of the last good one where this state is none."""
         if state.ok:
-            near = [f"; nearest rule {name}: {margin * 1e3:.4g} mm left" for name, margin in state.margins[:1]]
-            self.say(f"{state.pressure / kPa:.5g} kPa{''.join(near)}")
+            self.say(f"{state.pressure / kPa:.5g} kPa{''.join(map(near_words, state.margins[:1]))}")
         if self.tabs.active == 0:
             self._show_pins()
         shown = state if state.ok else self.session.good
@@ -684,6 +684,13 @@ def _at_once(act: Callable[[], None]) -> None:
     """Do something with a page, and tell its browser in one message: it then draws once."""
     with pn.io.hold():
         act()
+
+
+def near_words(nearest: tuple[str, float]) -> str:
+    """Of a state, what its nearest rule leaves, or how far it is from what a law is known for."""
+    name, margin = nearest
+    reason = Reason[name.upper()]
+    return f"; nearest rule {name}: {margin * 1e3:.4g} mm left" if reason.forbids else f"; {reason.text(margin)}"
 
 
 def fault(error: Exception) -> str:
