@@ -152,14 +152,19 @@ def test_every_material_is_chosen_as_stiff_as_the_one_before():
     assert session.values["shell.material.mu_kPa"] == pytest.approx(175 * kPa, rel=1e-12)
 
 
-def test_every_object_and_number_of_fingers_that_is_offered_can_be_chosen():
+def test_every_object_and_number_of_fingers_that_fits_can_be_chosen():
     session = Session(configs.load("configs/finger_grasp.toml").scene, None)
     assert min(session.choices["gripper.n"].options) == 2
     for name in session.choices["object.type"].options:
+        assert session.choose("gripper.n", 3) == ""
         assert session.choose("object.type", name) == ""
         assert type(session.scene.object).__name__ == name
+        faces = session.scene.object.FACES
         for count in session.choices["gripper.n"].options:
-            assert session.choose("gripper.n", count) == ""
+            # Fingers that would meet edges are refused in a sentence, and the scene stays as it is.
+            said = session.choose("gripper.n", count)
+            assert (said == "") == (faces % count == 0)
+            assert (session.scene.gripper.n == count) == (said == "")
     assert session.choose("gripper.n", 1).startswith("[scene.gripper]: Gripper.n is 1; it must be")
 
 
