@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 from helpers import ROD, shell
 from matplotlib.collections import PolyCollection
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle
 
@@ -18,6 +19,7 @@ from softgrip_jax import plots
 from softgrip_jax.geometry import walls
 from softgrip_jax.plots import figures
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
+from softgrip_jax.results import Status
 from softgrip_jax.solvers.path_limits import branch_marks
 from softgrip_jax.study.dataset import DESIGN
 from softgrip_jax.units import gram, kPa, mm
@@ -258,6 +260,24 @@ def test_a_grid_over_three_numbers_has_a_picture():
     seen = np.array(lines.get_segments())[:, :, 1]
     np.testing.assert_allclose(sorted(seen[:, 3]), np.linspace(0, 1, 24), atol=1e-12)
     np.testing.assert_allclose(np.unique(np.round(seen[:, 2], 9)), np.linspace(0, 1, 4), atol=1e-9)
+
+
+def test_the_hatches_of_a_map_are_its_cells():
+    """A design without an answer takes nothing of the cells beside it, and leaves nothing of its own."""
+    x, y = np.array([1.0, 2.0, 4.0]), np.array([10.0, 20.0, 30.0])
+    status = np.zeros((3, 3), int)
+    status[1, 1] = Status.BEYOND_LIMIT
+    values = np.where(status == 0, 1.0, np.nan)
+    axes = {"a": ("a", x * mm, {"kind": "length"}), "b": ("b", y * mm, {"kind": "length"})}
+    words = {"long_name": "force", "kind": "force", "status": "status"}
+    data = xr.Dataset({"f": (("a", "b"), values, words), "status": (("a", "b"), status, {})}, axes)
+    ax = plots.study(data).axes[0]
+    hatched = [c for c in ax.collections if c.get_hatch() or isinstance(c, ContourSet)]
+    assert hatched
+    for drawn in hatched:
+        corners = np.concatenate([path.vertices for path in drawn.get_paths() if len(path.vertices)])
+        found = set(map(tuple, np.unique(np.round(corners, 9), axis=0).tolist()))
+        assert found == {(1.5, 15.0), (3.0, 15.0), (1.5, 25.0), (3.0, 25.0)}
 
 
 def test_before_and_after_share_one_scale(solved):

@@ -140,7 +140,7 @@ def _drawn(data: xr.Dataset, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _shade(ax: Axes, x: np.ndarray, status: np.ndarray) -> dict[int, Any]:
     """Hatched spans where nothing is drawn; returns what the legend names."""
-    middles = np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+    middles = _ends_of_cells(x)
     kinds = [s for s in HATCHES if np.any(status == s)]
     for kind in kinds:
         edges = np.diff(np.concatenate([[0], status == kind, [0]]).astype(int))
@@ -150,6 +150,11 @@ def _shade(ax: Axes, x: np.ndarray, status: np.ndarray) -> dict[int, Any]:
     return {s: _patch(s) for s in kinds}
 
 
+def _ends_of_cells(x: np.ndarray) -> np.ndarray:
+    """From the first number to the last: in the middle between two of them one cell ends and the next begins."""
+    return np.concatenate([x[:1], 0.5 * (x[1:] + x[:-1]), x[-1:]])
+
+
 def _map(data: xr.Dataset, name: str, axes: Sequence[str], ax: Axes) -> None:
     """One quantity over two numbers."""
     (x, x_label), (y, y_label) = _axis(data, axes[0]), _axis(data, axes[1])
@@ -157,12 +162,13 @@ def _map(data: xr.Dataset, name: str, axes: Sequence[str], ax: Axes) -> None:
     values, status = _drawn(data.transpose(axes[1], axes[0], ...), name)
     mesh = ax.pcolormesh(x, y, values, shading="nearest", cmap="viridis", rasterized=True)
     kinds = [s for s in HATCHES if np.any(status == s)]
+    # The cells of the mesh, each with a value at both of its ends: a contour between them is where they meet.
+    cells = np.repeat(_ends_of_cells(x), 2)[1:-1], np.repeat(_ends_of_cells(y), 2)[1:-1]
     for kind in kinds:
-        ax.contourf(x, y, (status == kind).astype(float), [0.5, 1.5], colors=[HATCH_FACE], zorder=2)
+        lost = np.repeat(np.repeat(status == kind, 2, axis=0), 2, axis=1).astype(float)
+        ax.contourf(*cells, lost, [0.5, 1.5], colors=[HATCH_FACE], zorder=2)
         with mpl.rc_context({"hatch.color": HATCH_EDGE, "hatch.linewidth": 0.6}):
-            ax.contourf(
-                x, y, (status == kind).astype(float), [0.5, 1.5], colors="none", hatches=[HATCHES[kind]], zorder=3
-            )
+            ax.contourf(*cells, lost, [0.5, 1.5], colors="none", hatches=[HATCHES[kind]], zorder=3)
     if np.any(np.isfinite(values)):
         bar = ax.figure.colorbar(mesh, ax=ax)
         bar.set_label(label or "", rotation=90)
