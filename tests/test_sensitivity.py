@@ -15,6 +15,7 @@ from softgrip_jax import config as configs
 from softgrip_jax import plots
 from softgrip_jax.cli import run
 from softgrip_jax.commands import sensitivity as section
+from softgrip_jax.errors import InputError
 from softgrip_jax.study import sensitivity
 from softgrip_jax.units import kPa, mm
 
@@ -79,6 +80,14 @@ def test_samples_without_an_answer_are_counted():
     # The limit is proportional to t_m: what is thinner than 0.98 t_m has no equilibrium.
     expected = (0.1 + 0.02 * 1.1) / 0.2
     assert float(data["answered"][0]) == pytest.approx(expected, abs=4 * np.sqrt(0.25 / 4000))
+
+
+def test_a_tolerance_leads_to_nothing_that_cannot_be():
+    """Samples of a wall between -0.9 and 3.1 mm were counted, and those below zero called unanswered."""
+    scenes, inflation = {"free": sg.shell.Free(shell())}, [sg.Quantity("inflation", at=5 * kPa)]
+    said = r"shell.t_m is 1.1 mm, and its tolerance of 2 mm leads to -0.9 mm, which it cannot be; lower it\."
+    with pytest.raises(InputError, match=said):
+        sensitivity(scenes, ["shell.t_m"], inflation, [2 * mm], samples=100)
 
 
 def test_a_config_without_the_section_shows_all_of_the_scene(tmp_path, capsys):

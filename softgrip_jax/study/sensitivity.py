@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from ..errors import InputError
+from ..fields import admissible
 from ..parameters import Named, Parameter, Parameters, Scenes
 from ..progress import Tell, silent
 from ..quantities import Quantity
-from ..results import Status
+from ..results import Status, in_units
 from ..units import SI
 from .designs import Table
 from .study import Study
@@ -51,7 +54,8 @@ def sensitivity(
             numbers, dy/dx_i cov(x_i, y) over the variance of y, and may be negative.
 
     Raises:
-        InputError: for an unknown name.
+        InputError: for an unknown name, and where a tolerance leads to what a number cannot be, as a thickness below
+            zero.
 
     Source: GUM (JCGM 100:2008) 4.3.7 and 5.1.2.
 
@@ -87,6 +91,7 @@ def sensitivity(
     }
     if any(tolerances) or draws is not None:
         widths = np.array([t or 0.0 for t in tolerances]) if any(tolerances) else np.zeros(numbers.size)
+        _require_possible(numbers, reference, widths)
         coords["tolerance"] = ("by", widths)
         rng = np.random.default_rng(seed)
         drawn = reference + widths * rng.uniform(-1, 1, (samples, numbers.size))
@@ -97,6 +102,18 @@ def sensitivity(
             covariance[np.ix_(joint, joint)] = np.cov(draws[:, joint], rowvar=False).reshape(len(joint), len(joint))
         data |= _spread(Study(scenes, leaves, quantities, Table(drawn)), slopes, covariance, report)
     return xr.Dataset(data, coords)
+
+
+def _require_possible(numbers: Parameters, reference: np.ndarray, widths: np.ndarray) -> None:
+    """An InputError where a tolerance leads to what a number cannot be, as a thickness below zero."""
+    for k, (name, kind) in enumerate(zip(numbers.names, numbers.kinds, strict=True)):
+        for end in (-widths[k], widths[k]):
+            moved = numbers.scenes_at(jnp.asarray(reference).at[k].add(end))
+            if not all(bool(admissible(scene)) for scene in moved.values()):
+                here, width, there = (in_units(v, kind) for v in (reference[k], widths[k], reference[k] + end))
+                raise InputError(
+                    f"{name} is {here}, and its tolerance of {width} leads to {there}, which it cannot be; lower it."
+                )
 
 
 def _spread(study: Study, slopes: np.ndarray, covariance: np.ndarray, report: Tell) -> dict[str, Any]:
