@@ -134,7 +134,7 @@ def test_geometries_that_no_fit_has_seen_are_those_of_finite_elements(sizes):
 def test_a_free_finger_ends_where_its_cells_carry_nothing_more():
     """All its cells end at one pressure: where the largest moment over the curvature is zero."""
     made = dataclasses.replace(finger("A"), a=7 * mm, b=8 * mm, h_x=0.73 * mm, t_m=0.9 * mm, H=6.1 * mm, L=60 * mm)
-    curvatures = jnp.linspace(100.0, 250.0, 301)
+    curvatures = jnp.linspace(100.0, 245.0, 291)  # H kappa is at most 1.5
     moments = jax.jit(jax.vmap(lambda k, p: cell_at(made, k, p)["moment"], in_axes=(0, None)))
     ends = brentq(lambda p: float(jnp.max(moments(curvatures, p))), 25 * kPa, 31 * kPa)
     free = sg.pneunet.Free(made, weight=None, drive="cell")
