@@ -84,9 +84,10 @@ class Parts:
         return evaluated(self._evaluate._in_chunks(self.problem.solved, BLOCK, rows), 0)
 
     def _by_chords(self, rows: np.ndarray) -> Evaluated:
-        """With the Jacobians of parts nearby; what is not found so is answered like any other."""
+        """With the Jacobians of parts nearby; what is not found so is answered like any other. Where chambers snap what
+        is found nearby may be a state behind a snap: parts are followed from zero load."""
         evaluate = self._evaluate
-        if not evaluate.can_begin:
+        if not evaluate.can_begin or self.problem.doubted:
             found = evaluate.solve(rows)
             return found._replace(
                 value_slopes=found.value_slopes[..., :0], shortfall_slopes=found.shortfall_slopes[:, :0]
@@ -94,7 +95,6 @@ class Parts:
         evaluate.solves += len(rows)
         known, _ = evaluate.starts(rows)
         found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
-        evaluate._beyond(rows, found)
         left = np.flatnonzero(found.shortfall > 0)
         return _put(found, left, self._answer(rows[left])) if len(left) else found
 
