@@ -18,7 +18,6 @@ import numpy as np
 from softgrip_jax.commands.programs import QUICKLY, program
 from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.pneunet.cell.law import range_remarks
-from softgrip_jax.pneunet.cell.scene import Cell
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
 from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet, all_rules
 from softgrip_jax.questions import solve
@@ -123,9 +122,8 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
 
 def beyond_law(problem: Problem, x: Any) -> list[str]:
     """Of a design at SI values x, the dimensions to which the cell law that pushes it was not fitted, in words."""
-    pushed = [scene for scene in problem.scenes_at(x).values() if getattr(scene, "drive", None) == "cell"]
-    pushed += [scene for scene in problem.scenes_at(x).values() if isinstance(scene, Cell)]
-    return list(dict.fromkeys(sentence for scene in pushed for sentence in range_remarks(scene.finger)))
+    scenes: list[Any] = [one for one in problem.scenes_at(x).values() if "cell_law_range" in one.margins_at_rest()]
+    return list(dict.fromkeys(sentence for scene in scenes for sentence in range_remarks(scene.finger)))
 
 
 def _lost(asked: QuantitySet, seen: Observed, k: int) -> list[str]:
