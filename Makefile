@@ -8,8 +8,9 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 # An environment with the oldest versions that pyproject.toml allows, and what is tested with it: all that depends on
 # them, and not the long searches.
 OLDEST := .venv-minimum
-OLDEST_TESTS := $(addprefix tests/test_,imports.py jax_version.py config.py cli.py cli_path.py template.py materials.py \
-	shell_values.py chamber.py)
+OLDEST_TESTS := $(addprefix tests/,house/test_imports.py house/test_jax_version.py config/test_config.py \
+	config/test_template.py commands/test_cli.py commands/test_cli_path.py materials/test_materials.py \
+	shell/test_shell_values.py pneunet/test_chamber.py)
 
 .PHONY: help setup run test test-all test-minimum check lint bench docs notebooks
 

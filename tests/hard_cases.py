@@ -1,7 +1,7 @@
 """The catalogue of hard cases: a scene, a pressure, what must come back, and an independent value where there is one.
 
-`tests/test_hard_cases.py` holds every one of them; `python -m benchmarks.speed --only hard` runs them again beside the
-thesis's solvers and writes the table of docs/hard-cases.md.
+`tests/questions/test_hard_cases.py` holds every one of them; `python -m benchmarks.speed --only hard` runs them again
+beside the thesis's solvers and writes the table of docs/hard-cases.md.
 """
 
 from __future__ import annotations

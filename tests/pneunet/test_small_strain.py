@@ -2,13 +2,13 @@
 moment, against the fold that every drive of a held finger shares, and by differences."""
 
 import dataclasses
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference_beam as beams
+from conftest import ROOT
 from fingers import TYPE_A, contact, free, solved
 
 import softgrip_jax as sg
@@ -19,7 +19,6 @@ from softgrip_jax.model_error import model_error
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
 from softgrip_jax.units import GRAVITY, N_mm, kPa, mm
 
-ROOT = Path(__file__).resolve().parent.parent
 A = sg.PneuNet.table_5_1("A")
 FREE, HELD = sg.pneunet.Free, sg.pneunet.TipContact
 CONTACT = 0.001055463748074  # MPa, of type A

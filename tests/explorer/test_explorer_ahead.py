@@ -4,13 +4,11 @@ import os
 import subprocess
 import sys
 import textwrap
-from pathlib import Path
 
 import pytest
+from conftest import ROOT
 
 from softgrip_jax.explorer.ahead import Ahead
-
-ROOT = Path(__file__).resolve().parent.parent
 
 
 def roots(numbers):

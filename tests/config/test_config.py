@@ -79,7 +79,7 @@ def test_angles_are_given_in_degrees(tmp_path):
 @pytest.mark.parametrize("path", sorted((ROOT / "configs").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_config_of_the_project_loads_and_asks_something(path):
     sections = config.read_sections(path)
-    if "tension" in sections:  # a test of a material has no scene; tests/test_calibrate_run.py runs it
+    if "tension" in sections:  # a test of a material has no scene; tests/optim/test_calibrate_run.py runs it
         return
     read = config.load(path)
     assert all(isinstance(scene, Scene) for scene in read.scenes.values())

@@ -11,7 +11,6 @@ import csv
 import dataclasses
 import warnings
 from functools import cache
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -106,7 +105,7 @@ def test_nothing_acts_on_a_straight_cell_without_pressure():
 
 def held_out():
     """Geometries that no fit has seen: sizes in mm -> rows (kPa, kappa, moment, force)."""
-    path = Path(__file__).parent.parent / "benchmarks" / "cell" / "held_out.csv"
+    path = ROOT / "benchmarks" / "cell" / "held_out.csv"
     found = {}
     for row in csv.DictReader(line for line in path.read_text().splitlines() if not line.startswith("#")):
         values = [float(v) for v in row.values()]
