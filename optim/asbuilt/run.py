@@ -40,7 +40,7 @@ from .update import AsBuilt, calibrated, updated
 
 GIVEN = 1e-9
 """What has less of a standard deviation, relative, does not depend on the parts."""
-FEW = 5
+MOST_NAMED = 5
 """Variables of a search that are named, those that the goal changes most with."""
 
 
@@ -270,7 +270,7 @@ def report(
         if off > 2:
             console.print(f"{number.key} is {off:.1f} tolerances from the drawing.", soft_wrap=True)
     if helps:
-        words = ", ".join(f"{name} {value:+.2f} %" for name, _, value in helps[:FEW])
+        words = ", ".join(f"{name} {value:+.2f} %" for name, _, value in helps[:MOST_NAMED])
         console.print(
             f"One per cent more of a number changes {helps[0][1]} of the design as built by: {words}.", soft_wrap=True
         )

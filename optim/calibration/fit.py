@@ -410,13 +410,13 @@ def implausible(fitting: Fitting) -> list[str]:
     for k, curve in enumerate(fitting.curves):
         of = fitting.of_curve == k
         share = np.asarray(response.share)[of]
-        if np.median(share) > FAR:
+        if np.median(share) > WRONG_UNIT:
             said.append(
                 f"{curve.name}: the pressures are about {_round(np.median(share))} times the largest that the "
                 "model holds at the values as given; is their unit right?"
             )
             continue
-        if np.all(share > 0) and np.max(share) < 1 / FAR:
+        if np.all(share > 0) and np.max(share) < 1 / WRONG_UNIT:
             said.append(
                 f"{curve.name}: the largest pressure is {_round(1 / np.max(share))} times below the limit of the "
                 "model at the values as given; is its unit right?"
@@ -425,7 +425,7 @@ def implausible(fitting: Fitting) -> list[str]:
         there = ok & (values != 0) & (curve.y != 0)
         if there.any():
             ratio = float(np.median(np.abs(curve.y[there] / values[there])))
-            if not 1 / FAR < ratio < FAR:
+            if not 1 / WRONG_UNIT < ratio < WRONG_UNIT:
                 said.append(
                     f"{curve.name}: {curve.label} is about {_round(max(ratio, 1 / ratio))} times "
                     f"{'above' if ratio > 1 else 'below'} the model at the values as given; is its unit right?"
@@ -433,7 +433,7 @@ def implausible(fitting: Fitting) -> list[str]:
     return said
 
 
-FAR = 30.0
+WRONG_UNIT = 30.0
 """A factor that no sensible first guess is wrong by, but a unit (1000, or 100 for cm^2) is."""
 
 

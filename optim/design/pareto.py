@@ -52,7 +52,7 @@ SCOUTS = 9
 BETTER = 1e-3
 """A start is better when it is nearer by this part of the range."""
 
-FAR = 10.0
+RANGES_AWAY = 10.0
 """In ranges: from a point this far along one goal, the diagonal asks nothing of it."""
 
 NO_FRONT = "No design that keeps every constraint was found; there is no front."
@@ -254,7 +254,7 @@ class _Known:
             # The best of one goal leaves the others open. A corner is where all others are as good as they can be.
             self.best = np.min(self.terms[feasible], axis=0)
             self.worst = self.best + spread
-            self.ends = self.approach(FAR * np.eye(goals))
+            self.ends = self.approach(RANGES_AWAY * np.eye(goals))
         ends = self.terms[self.ends]
         self.best, self.worst = np.min(ends, axis=0), np.max(ends, axis=0)
 

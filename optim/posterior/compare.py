@@ -18,7 +18,7 @@ from rich.console import Console
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.tables import Table
 
-from .evidence import FAR, difference
+from .evidence import ROUGH, difference
 from .posterior import Posterior
 from .write import FILE, number
 
@@ -147,7 +147,7 @@ def as_data(found: Compared) -> dict[str, Any]:
                 "standard_error": number(found.apart[k][1]),
                 "points": found.scores.shape[1],
                 "left_out": found.lost[k],
-                "rough_scores": int(np.sum(run.shape > FAR)),
+                "rough_scores": int(np.sum(run.shape > ROUGH)),
                 "model_error": {curve: list(ends) for curve, ends in run.errors.items()},
                 "usable": run.usable,
             }
@@ -177,10 +177,10 @@ def report(found: Compared, console: Console) -> None:
                 soft_wrap=True,
                 highlight=False,
             )
-        rough = int(np.sum(run.shape > FAR))
+        rough = int(np.sum(run.shape > ROUGH))
         if rough:
             console.print(
-                f"{run.name}: {rough} of {len(run.shape)} scores are rough (Pareto k above {FAR:g}).",
+                f"{run.name}: {rough} of {len(run.shape)} scores are rough (Pareto k above {ROUGH:g}).",
                 soft_wrap=True,
                 highlight=False,
             )

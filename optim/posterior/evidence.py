@@ -24,7 +24,7 @@ from scipy.special import logsumexp
 from .density import Density
 from .sample import extra
 
-FAR = 0.7
+ROUGH = 0.7
 """Pareto shapes above this (Vehtari et al. 2024)."""
 
 

@@ -17,7 +17,7 @@ from softgrip_jax.results import in_units
 from ..calibration.fit import Fit
 from .density import Density, Unknowns, require_normal, require_touched
 from .diagnose import Diagnosis, diagnose
-from .evidence import FAR, Scores, scores
+from .evidence import ROUGH, Scores, scores
 from .priors import Prior, Sampling, require_proper
 from .sample import Sampled, extra, sample
 
@@ -100,7 +100,7 @@ class Posterior:
             for j in range(i)
             if abs(self.correlation[i, j]) > CORRELATED
         ]
-        far = int(np.sum(self.scores.shape > FAR))
+        far = int(np.sum(self.scores.shape > ROUGH))
         if far:
             said.append(
                 f"The leave-one-out scores of {far} of {len(self.scores.shape)} points are rough: each of them moves "

@@ -28,7 +28,7 @@ from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
 from ..calibration.points import points_of
-from .evidence import FAR
+from .evidence import ROUGH
 from .posterior import Posterior
 
 FILE = "posterior.nc"
@@ -178,7 +178,7 @@ def summary(found: Posterior) -> dict[str, Any]:
         "divergences": diagnosis.divergences,
         "worst": {"unknown": names[worst], "r_hat": number(diagnosis.r_hat[worst])},
         "elpd": number(found.scores.total),
-        "rough_scores": int(np.sum(found.scores.shape > FAR)),
+        "rough_scores": int(np.sum(found.scores.shape > ROUGH)),
         "remarks": found.remarks(),
     }
 

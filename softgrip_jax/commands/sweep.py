@@ -177,7 +177,7 @@ def _from_csv(
 QUICK = 1_000_000
 """Designs a second of the quickest scenes on a common machine, without derivatives: what a study takes at least."""
 
-MANY = 1_000_000
+UNKNOWN_PROCESSES = 1_000_000
 """Processes of a scheduler, of which nobody knows how many may join."""
 
 LONGEST_DAYS = 30
@@ -253,7 +253,7 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     if where.csv and folder is None:
         raise ConfigError("--csv is given without --out, the folder in which the table is written.")
     place = where.to or str(folder)
-    processes = where.workers or (MANY if where.scheduler else 1)
+    processes = where.workers or (UNKNOWN_PROCESSES if where.scheduler else 1)
     refuse_what_cannot_end(study, place, where.csv, processes, f"{config}, [sweep]")
     for wanted in (folder, None if "://" in address_of(place) else Path(address_of(place))):
         if wanted is not None:

@@ -60,7 +60,7 @@ COLOURS = {
     Status.IMPOSSIBLE: "#CC79A7",
     Status.NOT_CONVERGED: "#000000",
 }
-LARGE, SMALL, FEW = 8, 5, 1500
+LARGE_POINT, SMALL_POINT, FEW_POINTS = 8, 5, 1500
 """Sizes of points, of so many and of more."""
 SEEN, FAINT = 0.85, 0.05
 """How dark a point is between the marks on the parallel axes, and elsewhere."""
@@ -422,7 +422,7 @@ class StudyTab:
             "colour": [COLOURS[Status(int(s))] for s in statuses],
             "alpha": self._alpha(),
         }
-        size = LARGE if study.count < FEW else SMALL
+        size = LARGE_POINT if study.count < FEW_POINTS else SMALL_POINT
         made.scatter("x", "y", source=self.points, size=size, color="colour", alpha="alpha", legend_group="status")
         made.add_tools(TapTool(), HoverTool(tooltips=[("across", "@x"), ("up", "@y"), ("status", "@status")]))
         words = made.legend[0]

@@ -42,7 +42,7 @@ def _turned(primals, tangents):
     return (cosine, sine), (-sine * turn, cosine * turn)
 
 
-FEW = 32
+NUMBERS_APART = 32
 """Numbers of an argument that are worth a derivative each."""
 
 
@@ -50,9 +50,9 @@ def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Ca
     """The same function of few numbers, whose derivatives are taken once and then combined for every direction.
 
     Where a Jacobian is wanted in many directions, each of which reaches the function through one or two arguments,
-    JAX would go through all of its operations once for each. An argument of more than FEW numbers is followed along
-    each direction all the same: there are fewer of those. Differentiable again; arguments must be passed, not closed
-    over.
+    JAX would go through all of its operations once for each. An argument of more than NUMBERS_APART numbers is followed
+    along each direction all the same: there are fewer of those. Differentiable again; arguments must be passed, not
+    closed over.
 
     apart: by one argument after the other, so that what depends on one alone is not worked out along the others, and
     along each direction of every array; all at once compiles faster.
@@ -74,7 +74,7 @@ def differentiated_once(function: Callable[..., Any], apart: bool = False) -> Ca
         leaves, tree = jax.tree.flatten(primals)
         directions = tree.flatten_up_to(tangents)
         moving = [k for k, direction in enumerate(directions) if not isinstance(direction, SymbolicZero)]
-        few = [k for k in moving if jnp.size(leaves[k]) <= (1 if apart else FEW)]
+        few = [k for k in moving if jnp.size(leaves[k]) <= (1 if apart else NUMBERS_APART)]
         many = [k for k in moving if k not in few]
 
         def of(places, values):

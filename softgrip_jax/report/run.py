@@ -48,7 +48,7 @@ LEFT = {
 }
 """What runs of a kind leave in their folders: a config may have sections for several, or none for this one. Without a
 kind: no config says all that such a run was asked."""
-FEW = 6
+ROWS_ON_SIDE = 6
 """A table of at most so many rows, with more columns than that, stands on its side."""
 MOST_DESIGNS = 2000
 """Designs of a study that are read for its plot."""
@@ -212,7 +212,7 @@ def _add_table(page: Document, path: Path, with_plot: bool = True) -> None:
     if with_plot and len(rows) > 2:
         _add_plots(page, head, rows, status)
     cells = [[_cell(cell) for cell in row] for row in rows]
-    if len(rows) <= FEW < len(head):  # a wide page is scrolled, and paper is not wide
+    if len(rows) <= ROWS_ON_SIDE < len(head):  # a wide page is scrolled, and paper is not wide
         head, *cells = [list(column) for column in zip(head, *cells, strict=True)]
     page.table([shown(name) for name in head], cells)
 

@@ -35,9 +35,9 @@ BESIDE = 0.3
 """A minimum that is this close to its guess (coefficients, of order one) is on the same branch."""
 FINER, TRIES = 0.25, 3
 """The load steps of the next try over those of the last one, and how often it is tried."""
-CLOSE = 0.2
+NEIGHBOURS = 0.2
 """Members whose numbers differ by less, in standard deviations, follow one from the other, along its tangent."""
-FAR = 3.0
+MOST_DEVIATIONS = 3.0
 """A number that is further from the mean, in standard deviations, counts as this far."""
 MOST = 24
 """The fit is over at most so many numbers: with more it costs more than it saves."""
@@ -150,7 +150,7 @@ def _numbers(load: Array, varied: list[Array], size: int) -> Float[Array, "n m"]
     known = jnp.where(jnp.isfinite(raw), raw, jnp.nan)
     spread = jnp.nanstd(known, axis=0, keepdims=True)
     scaled = (known - jnp.nanmean(known, axis=0, keepdims=True)) / jnp.where(spread > 0, spread, 1.0)
-    usual = jnp.where(jnp.isfinite(scaled), jnp.clip(scaled, -FAR, FAR), 0.0)
+    usual = jnp.where(jnp.isfinite(scaled), jnp.clip(scaled, -MOST_DEVIATIONS, MOST_DEVIATIONS), 0.0)
     loads = usual[:, : jnp.reshape(load, (size, -1)).shape[1]]
     return jnp.concatenate([jnp.ones((size, 1)), usual, loads**2], axis=1)
 
@@ -176,5 +176,5 @@ def _in_turn(numbers: Float[Array, "n m"], members: Any, largest: float) -> Mini
 def _guess(known: _Known, here: Numbers, load: Scalar) -> Vector:
     """By the fit; from the last member where that is close, along its tangent with the load."""
     tangent = known.last.y + (load - known.last.load) * known.last.slope
-    close = jnp.max(jnp.abs(here - known.numbers)) < CLOSE
+    close = jnp.max(jnp.abs(here - known.numbers)) < NEIGHBOURS
     return jnp.where(close, tangent, solve(known.products, here) @ known.found)

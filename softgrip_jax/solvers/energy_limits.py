@@ -25,7 +25,7 @@ BRANCH = 2.0
 """A drawn branch ends so many times as far from the flat membrane as the limit point."""
 REACH = 0.1
 """Largest step towards a limit point, in unknowns of order one."""
-CLOSE = 1e-5
+LEAST_ABOVE = 1e-5
 """A limit point next to the last equilibrium below it has at least its load, within this part of it."""
 
 
@@ -54,7 +54,7 @@ def _limit(scene: Any, largest: Scalar) -> Found:
     _, jacobian, by_load = _linear(scene)(kept, scaled)
     yielding = solve(jacobian, -by_load)
     peak = top(_linear(scene), kept, scaled, yielding / jnp.linalg.norm(yielding), REACH + zero)
-    above = peak.load >= scaled * (1 - CLOSE)
+    above = peak.load >= scaled * (1 - LEAST_ABOVE)
     at_fold = climb.lost & peak.good & above
     possible = scene.can_exist()
     pressure = jnp.where(at_fold, peak.load, scaled) * scene.unit()

@@ -23,7 +23,7 @@ FIRST_LOAD, GROWTH = 0.3, 1.5
 """The first cube root that is tried, and its growth until the wanted state is passed."""
 SEEK_STEPS, MEETS = 60, 2e-13
 """The most trials, and the relative error that ends them."""
-CLOSE = 1e-5
+END_KNOWN = 1e-5
 """Where equilibrium ends is known this well, relative to the load, before the search gives up."""
 
 
@@ -78,7 +78,7 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
     def busy(state):
         low, high, load, (_, value), count = state[3], state[5], state[7], state[9], state[10]
         open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (load < LARGEST_LOAD)
-        near_end = jnp.isnan(value) & jnp.isfinite(high) & (high - low < CLOSE * high)
+        near_end = jnp.isnan(value) & jnp.isfinite(high) & (high - low < END_KNOWN * high)
         return ~(jnp.abs(value) <= MEETS) & open_ & ~near_end & (count < SEEK_STEPS)
 
     def begun(last):

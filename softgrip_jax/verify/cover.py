@@ -28,7 +28,7 @@ MOST = 0.15
 """Of L, for a node in one iteration."""
 TURN = 0.3
 """rad, in one secant step."""
-CLOSE = 1e-4
+OUT_OF_BALANCE = 1e-4
 """Of the moment."""
 SECANTS = 30
 
@@ -98,7 +98,7 @@ class CoverSolid:
         slope = 4 * rigidity / float(f.L)
         moment = self.observe(state)["moment"] if state.bend else 0.0
         for _ in range(SECANTS):
-            if state.bend and abs(moment - self.moment) < CLOSE * abs(self.moment):
+            if state.bend and abs(moment - self.moment) < OUT_OF_BALANCE * abs(self.moment):
                 return State(target.pressure, state.y, state.q, None, state.bend)
             ahead = float(np.clip((self.moment - moment) / slope, -TURN, TURN))
             *_, found = [None, *self.model.follow(state, [(state.pressure, state.bend + ahead)], self.most)]

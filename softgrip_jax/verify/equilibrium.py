@@ -22,14 +22,14 @@ ITERATIONS = 14
 """Of one step; a step that needs more is cut in two."""
 PATIENCE = 40
 """Iterations from the state of a coarser mesh, whose volumes the finer one corrects first."""
-CLOSE = 1e-7
+OUT_OF_BALANCE = 1e-7
 """Forces out of balance, over what the air does on the faces that it presses."""
 LEAST_STEP = 1 / 512
 """Of the largest pressure or curvature: where smaller steps would be needed no equilibrium is near."""
 FIRST_STEP = 1 / 24
 """Of the largest pressure or curvature, for the first step."""
 GROWTH = 1.7
-FEW = 6
+FEW_ITERATIONS = 6
 """Iterations of a step after which the next one is GROWTH as long."""
 AUGMENTED = 2
 """Rounds of new multipliers at a pressure that was asked for: each leaves some percent of the penetration."""
@@ -265,7 +265,7 @@ class Model:
             if not math.isfinite(size) or size > 1e8 * scale:
                 raise NoStateError("elements turned inside out")
             pressing = float(np.abs(now.kept[1]).max() / np.abs(self.solid.mass[:, 0]).max())
-            if iteration and size < CLOSE * scale and pressing < 1e-7:
+            if iteration and size < OUT_OF_BALANCE * scale and pressing < 1e-7:
                 return state, iteration
             step = self.solve(now.matrix, -now.residual)
             moved = (self.T @ step).reshape(-1, 3)
@@ -322,7 +322,8 @@ class Model:
                         return
                     continue
                 last, state, done = state, found, share
-                step = ahead * length * (GROWTH if count <= FEW else 1.0 if count <= FEW + 3 else 0.6)
+                longer = GROWTH if count <= FEW_ITERATIONS else 1.0 if count <= FEW_ITERATIONS + 3 else 0.6
+                step = ahead * length * longer
             try:
                 state = self.augmented(state, most)
             except NoStateError:

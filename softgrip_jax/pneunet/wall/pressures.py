@@ -28,7 +28,7 @@ NO_PRESSURE = 1e-15
 """A wall under less than this part of the largest pressure counts as flat."""
 CUBIC_STEPS = 3
 """From twice the root at most they leave 1e-2 of it."""
-TINY = 1e-12
+LEAST_DEPTH = 1e-12
 """m: a depth below it counts as none, so that nothing is divided by zero."""
 SLOWER = 0.08
 """With this the cubic law is good to 1 % of the angle up to one radian."""
@@ -177,7 +177,7 @@ def _little_inflated(seat: Seat, pressure: Scalar) -> Scalar:
     With (4.28) to first order in theta, strain = theta depth / (3 outer) + lean, p = theta^2 strain / depth is a cubic.
     It is convex from its root on, and Newton's method comes down to it from above.
     """
-    slack, cube = -3 * seat.outer * seat.lean / jnp.maximum(seat.depth, TINY), 3 * seat.outer * pressure
+    slack, cube = -3 * seat.outer * seat.lean / jnp.maximum(seat.depth, LEAST_DEPTH), 3 * seat.outer * pressure
     angle = slack + jnp.cbrt(cube)
     for _ in range(CUBIC_STEPS):
         angle -= (angle * angle * (angle - slack) - cube) / (angle * (3 * angle - 2 * slack))

@@ -12,11 +12,11 @@ from jaxtyping import Array, Float
 from .basis import CONTACT_POINTS, ORDERS, Grid, Vector, at_points, contact_axes
 from .sheet import local, stretching
 
-TINY = 1e-30
+LEAST_ROOT = 1e-30
 """It keeps a square root away from zero whose derivative nobody asks for."""
 MEAN_OVER = 0.6
 """Width of the weights, in half sides per polynomial of w: what polynomials cannot follow is left out."""
-CLOSE = 2.0
+LARGEST_GAP = 2.0
 """Walls: an outer face that is further off does not touch, whatever is pressed around it. Nearer ones may have to
 take what polynomials smear over the contact's edge."""
 PRESSED = 0.05
@@ -26,7 +26,7 @@ PRESSED = 0.05
 def _larger(trace: Array, determinant: Array) -> Array:
     """The larger principal stretch."""
     mean = 0.5 * trace
-    return jnp.sqrt(mean + jnp.sqrt(jnp.maximum(mean**2 - determinant, TINY)))
+    return jnp.sqrt(mean + jnp.sqrt(jnp.maximum(mean**2 - determinant, LEAST_ROOT)))
 
 
 def _strains(scene: Any, e: Array, points: Any) -> tuple[Any, Array, Array]:
@@ -112,7 +112,7 @@ def surface(scene: Any, unknowns: Vector, pressure: Array, n: int) -> dict[str, 
         load, layer = pressure / scene.unit(), scene.contact_pressures(unknowns, pressure)
         thickness = shell.t_m / shell.a
         gaps = jax.vmap(lambda at: scene.body.distance(shell.a * at.face(thickness)))(at)
-        near = (contact_average(scene.grid, points) @ layer > PRESSED * load) & (gaps < CLOSE * shell.t_m)
+        near = (contact_average(scene.grid, points) @ layer > PRESSED * load) & (gaps < LARGEST_GAP * shell.t_m)
         borne = jax.vmap(_borne, in_axes=(0, None))(e, scene)
         pressed = jnp.where(near, jnp.maximum(0.0, load - borne), 0.0)
         areas = jnp.sqrt(determinant) * np.outer(*2 * [np.r_[1, np.full(n - 2, 2), 1] / (n - 1)]).ravel()
