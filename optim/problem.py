@@ -224,8 +224,8 @@ def finite(value: Array, scale: Any) -> Array:
     return jnp.where(jnp.isinf(value), jnp.sign(value) * ENDLESS * scale, value)
 
 
-class Judged(NamedTuple):
-    """What that is worth: pure numbers."""
+class Score(NamedTuple):
+    """What the quantities of a design are worth: pure numbers."""
 
     objective: Scalar
     violations: Float[Array, " m"]
@@ -558,7 +558,7 @@ class Problem:
             ]
         )
 
-    def score(self, values: Float[Array, " q"], scales: Scales) -> Judged:
+    def score(self, values: Float[Array, " q"], scales: Scales) -> Score:
         """Goals and limits from the quantities."""
         known = ~jnp.isnan(values)
         safe = jnp.where(known, values, 1.0)
@@ -572,7 +572,7 @@ class Problem:
         ]
         rules = self.constrained[len(self.sides) :]
         violations += [jnp.where(known[k], -finite(safe[k], SCALE) / SCALE, 0.0) for k in rules]
-        return Judged(objective, jnp.stack(violations) if violations else jnp.zeros(0))
+        return Score(objective, jnp.stack(violations) if violations else jnp.zeros(0))
 
     def scales(self, sizes: Any) -> Scales:
         """What makes every goal and limit a pure number; `sizes`: of the quantities, SI, NaN where none is known."""

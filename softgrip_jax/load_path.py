@@ -21,7 +21,7 @@ Goal = Callable[[Any, Vector, dict[str, Array]], Scalar]
 """(what it needs, point u, what is observed there) -> a number that rises through zero where a search ends."""
 
 
-class Search(NamedTuple):
+class PathEnd(NamedTuple):
     """Where a search along the path ended, and why."""
 
     u: Vector

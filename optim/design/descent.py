@@ -33,7 +33,7 @@ from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Solution, Status
 
-from ..problem import Judged, Problem, Scales, Scaling
+from ..problem import Problem, Scales, Scaling, Score
 from ..space import to_free, to_unit
 from .finish import NO_EQUILIBRIUM_RANK, finish
 
@@ -583,9 +583,9 @@ def search(
         answered = np.flatnonzero(sampled.shortfall == 0)
         if len(answered):
             evaluate.home = start_t[answered[0]]
-    judging = jax.jit(lambda values, scales: judged_with_slopes(problem, scales, values))
+    judging = jax.jit(lambda values, scales: score_with_slopes(problem, scales, values))
 
-    def score(values: Any) -> tuple[Judged, Judged]:
+    def score(values: Any) -> tuple[Score, Score]:
         return judging(values, scaling.scales)
 
     if isinstance(optimiser, str):
@@ -778,7 +778,7 @@ def _step(
     problem: Problem, rule: Any, scales: Scales, member: SearchMember, found: Evaluated, step: Any
 ) -> SearchMember:
     """One step of one member, from what was found at its u."""
-    judged, slopes = judged_with_slopes(problem, scales, found.values)
+    judged, slopes = score_with_slopes(problem, scales, found.values)
     in_equilibrium = found.shortfall == 0
     pull = jnp.maximum(0.0, member.multipliers + member.penalty * (judged.violations + ROOM))
     objective_slope = slopes.objective @ found.value_slopes
@@ -812,7 +812,7 @@ def _step(
     return jax.tree.map(lambda kept, moved: jnp.where(done, kept, moved), member, new)
 
 
-def judged_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Judged, Judged]:
+def score_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Score, Score]:
     """`Problem.score` and its derivatives by the quantities."""
     return problem.score(values, scales), jax.jacfwd(partial(problem.score, scales=scales))(values)
 

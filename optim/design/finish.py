@@ -114,7 +114,7 @@ def finish(candidates: np.ndarray, evaluate: Any, problem: Problem, scales: Scal
         evaluate: the search's Evaluator.
         problem: what is searched.
         scales: of its goals.
-        score: values -> (Judged, its derivatives by the values).
+        score: values -> (Score, its derivatives by the values).
     """
     squares = all(goal.kind == "reach" for goal in problem.goals) and not problem.limits
 

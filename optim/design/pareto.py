@@ -28,7 +28,7 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.folders import DeferInterrupt
 
 from ..problem import Problem, Scaling
-from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, judged_with_slopes, search
+from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, score_with_slopes, search
 from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
 
 ANCHOR_STARTS = 2
@@ -177,7 +177,7 @@ class _Known:
         self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts, CPU_CHUNK))
         self.scaling = Scaling(problem)
         self.scaling.learn(self.evaluate(space.to_unit(space.reference)).values)
-        judging = jax.jit(lambda values, scales: judged_with_slopes(problem, scales, values))
+        judging = jax.jit(lambda values, scales: score_with_slopes(problem, scales, values))
         terms_of = jax.jit(
             lambda values, scales: (problem.terms(values, scales), jax.jacfwd(problem.terms)(values, scales))
         )

@@ -14,7 +14,7 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import Status
 
-from ..design.descent import Design, SearchResult, designs_at, judged_with_slopes, search
+from ..design.descent import Design, SearchResult, designs_at, score_with_slopes, search
 from ..problem import Limits, Problem, Scaling
 from .budget import Budget, budget
 from .count import FRESH, Count, counted, promised
@@ -195,7 +195,7 @@ class Scattered:
     def _with_best(self, nominal: SearchResult, best: Improved, scaling: Scaling) -> SearchResult:
         """The nominal result with the robust design before the nominal best one."""
         problem = self.problem
-        judging = jax.jit(lambda values: judged_with_slopes(problem, scaling.scales, values))
+        judging = jax.jit(lambda values: score_with_slopes(problem, scaling.scales, values))
         own = designs_at(problem, judging, self.designs, best.t[None])[0]
         wanted = self.uncertain.wanted
         what = f"a yield of {wanted.promised:.4g}" if wanted.promised else f"the {wanted.goal} case of its parts"

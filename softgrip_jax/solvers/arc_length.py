@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..equations import PathEquations, residual_and_observables
 from ..errors import InputError
-from ..load_path import Goal, LoadPath, Search, begun, onwards, proportional, start_of, to_coordinate, to_moderate
+from ..load_path import Goal, LoadPath, PathEnd, begun, onwards, proportional, start_of, to_coordinate, to_moderate
 from ..numerics.choice import larger
 from ..numerics.continuation import (
     BIFURCATION,
@@ -155,7 +155,7 @@ class ArcLength(BranchSolver):
         span: LoadPath,
         is_there: Bool[Array, ""] | bool = False,
         climb: Climb | None = None,
-    ) -> Search:
+    ) -> PathEnd:
         """Where goal(context, ...) rises through zero along the path from `start`; `start` itself where `is_there`."""
 
         def equations(u, args):
@@ -187,7 +187,7 @@ class ArcLength(BranchSolver):
         detail = jnp.where(at_end, span.pressure_at(end.u, at_end), detail)
         possible = scene.can_exist()
         status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
-        return Search(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
+        return PathEnd(end.u, status, end.iterations, reason, jnp.where(possible, detail, jnp.nan))
 
 
 def _beyond_the_model(scene: Any, end: End, goal: Goal, context: Any, span: LoadPath) -> Int[Array, ""]:

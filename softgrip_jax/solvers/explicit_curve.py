@@ -30,7 +30,7 @@ BEFORE_END = 1e-6
 """The end of the interval itself may be singular (a flat membrane turned inside out): a branch stops so much before."""
 
 
-class Climb(NamedTuple):
+class SampledCurve(NamedTuple):
     """A scene's load curve as it was sampled, values only."""
 
     scan: Scan
@@ -77,22 +77,22 @@ class ExplicitCurve(BranchSolver):
     """
 
     def find(self, scene: Any, pressure, guess):
-        climb = climb_of(scene)
-        scan, possible = climb.scan, climb.possible
+        curve = sampled(scene)
+        scan, possible = curve.scan, curve.possible
         start, low = scan.x[0], scan.y[0]
-        stop = stop_of(scene, climb, ~(scan.y[scan.sure] > pressure))
+        stop = stop_of(scene, curve, ~(scan.y[scan.sure] > pressure))
         crossing = first_crossing(scene.load, pressure, scan.x, scan.y, stop)
         status = jnp.where(crossing.exists, Status.OK, Status.BEYOND_LIMIT)
         status = jnp.where(pressure <= low, Status.NO_CONTACT if scene.CONTACT else Status.OK, status)
         angle = jnp.where(pressure <= low, start, crossing.x)
         # A free state that does not touch is all there is.
-        free = jnp.where(pressure <= climb.free_limit, Status.NO_CONTACT, Status.BEYOND_LIMIT)
-        status = jnp.where(climb.touches, status, free)
+        free = jnp.where(pressure <= curve.free_limit, Status.NO_CONTACT, Status.BEYOND_LIMIT)
+        status = jnp.where(curve.touches, status, free)
         known = (pressure >= 0) & (pressure < jnp.inf)
-        reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), _why(scene, climb), Reason.NONE)
+        reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), _why(scene, curve), Reason.NONE)
         reason = jnp.where(known, reason, Reason.PRESSURE_RULE)
-        begins = jnp.where(climb.touches, low, climb.free_limit)
-        ends = jnp.where(climb.touches, scene.load(stop), climb.free_limit)
+        begins = jnp.where(curve.touches, low, curve.free_limit)
+        ends = jnp.where(curve.touches, scene.load(stop), curve.free_limit)
         detail = jnp.where(status == Status.BEYOND_LIMIT, ends, begins)
         detail = jnp.where(jnp.isfinite(detail) & known & (status != Status.OK) & possible, detail, jnp.nan)
         status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
@@ -112,15 +112,15 @@ class ExplicitCurve(BranchSolver):
         return jnp.where(touches, own.begins, limit)
 
     def find_limit(self, scene):
-        climb = climb_of(scene)
-        scan, stop, possible = climb.scan, stop_of(scene, climb), climb.possible
-        endless = scene.unbounded() & ~scan.falls & ~climb.drops
+        curve = sampled(scene)
+        scan, stop, possible = curve.scan, stop_of(scene, curve), curve.possible
+        endless = scene.unbounded() & ~scan.falls & ~curve.drops
         pressure = jnp.where(endless, jnp.inf, scene.load(stop))
-        pressure = jnp.where(climb.touches, pressure, climb.free_limit)
+        pressure = jnp.where(curve.touches, pressure, curve.free_limit)
         status = jnp.where(possible, Status.OK, Status.IMPOSSIBLE)
-        own = jnp.where(climb.drops, END.BEGINNING, jnp.where(scan.falls, END.PEAK, END.MODEL))
-        code = jnp.where(climb.touches, own, END.FREE_PEAK)
-        return Found(jnp.where(climb.touches, stop, climb.free_peak), pressure, status, jnp.asarray(0), end=code)
+        own = jnp.where(curve.drops, END.BEGINNING, jnp.where(scan.falls, END.PEAK, END.MODEL))
+        code = jnp.where(curve.touches, own, END.FREE_PEAK)
+        return Found(jnp.where(curve.touches, stop, curve.free_peak), pressure, status, jnp.asarray(0), end=code)
 
     def limit_pressure_from(self, scene, found):
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
@@ -141,21 +141,21 @@ class ExplicitCurve(BranchSolver):
         def wanted(scene, angle):
             return scene.observe(angle, scene.load(angle))[name]
 
-        climb = climb_of(fixed)
-        scan, stop, possible = climb.scan, stop_of(fixed, climb), climb.possible
+        curve = sampled(fixed)
+        scan, stop, possible = curve.scan, stop_of(fixed, curve), curve.possible
         start = scan.x[0]
         seen = jax.vmap(lambda angle: wanted(fixed, angle))(scan.x)
         crossing = first_crossing(lambda angle: wanted(fixed, angle), value, scan.x, seen, stop)
         at_start = value == seen[0]
         angle = jnp.where(at_start, start, crossing.x)
         # A value on the far side of the one at the start, seen from where the curve goes, belongs to no state of it.
-        before = ((value - seen[0]) * (wanted(fixed, stop) - seen[0]) <= 0) & ~climb.drops
+        before = ((value - seen[0]) * (wanted(fixed, stop) - seen[0]) <= 0) & ~curve.drops
         status = jnp.where(before, Status.NO_CONTACT if scene.CONTACT else Status.IMPOSSIBLE, Status.BEYOND_LIMIT)
         reached = crossing.exists & ~at_start if scene.CONTACT else crossing.exists | at_start
         status = jnp.where(reached, Status.OK, status)
-        status = jnp.where(climb.touches, status, jnp.where(before, Status.NO_CONTACT, Status.BEYOND_LIMIT))
+        status = jnp.where(curve.touches, status, jnp.where(before, Status.NO_CONTACT, Status.BEYOND_LIMIT))
         known = jnp.isfinite(value)
-        ends = jnp.where(climb.touches, fixed.load(stop), climb.free_limit)
+        ends = jnp.where(curve.touches, fixed.load(stop), curve.free_limit)
         reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), Reason.VALUE_NOT_REACHED, Reason.NONE)
         reason = jnp.where(known, reason, Reason.PRESSURE_RULE)
         is_beyond = possible & known & (status == Status.BEYOND_LIMIT) & jnp.isfinite(ends)
@@ -172,32 +172,32 @@ class ExplicitCurve(BranchSolver):
         angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (solved, target))
         pressure = solved.load(angle)
         solution = scene._report(angle, pressure, found)
-        begins = jnp.where(climb.touches, scan.y[0], climb.free_limit)
+        begins = jnp.where(curve.touches, scan.y[0], curve.free_limit)
         no_answer = jnp.where(status == Status.NO_CONTACT, begins, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
 
     def branch(self, scene, n, limit=None):
         fixed = frozen(scene)
-        climb = climb_of(fixed)
-        stop = stop_of(fixed, climb)
+        curve = sampled(fixed)
+        stop = stop_of(fixed, curve)
         start = scene.interval()[0]
-        angles = start + (_branch_end(fixed, climb, stop) - start) * jnp.linspace(0.0, 1.0, n)
+        angles = start + (_branch_end(fixed, curve, stop) - start) * jnp.linspace(0.0, 1.0, n)
         # The limit is one of the points, where the branch goes through it.
         nearest = jnp.argmin(jnp.abs(angles - stop))
-        angles = jnp.where(climb.scan.falls & (jnp.arange(n) == nearest), stop, angles)
+        angles = jnp.where(curve.scan.falls & (jnp.arange(n) == nearest), stop, angles)
 
         def at(angle):
             pressure = scene.load(angle)
             status = jnp.where(jnp.isfinite(pressure), Status.OK, Status.BEYOND_LIMIT)
             # What is touched only behind the free membrane's own limit is no part of this branch.
-            status = jnp.where(climb.touches, status, Status.BEYOND_LIMIT)
-            status = jnp.where(climb.possible, status, Status.IMPOSSIBLE)
+            status = jnp.where(curve.touches, status, Status.BEYOND_LIMIT)
+            status = jnp.where(curve.possible, status, Status.IMPOSSIBLE)
             return scene._report(angle, pressure, scene.verified(Found(angle, pressure, status, jnp.asarray(0))))
 
         return jax.vmap(at)(angles)
 
 
-def climb_of(scene: AnyCurveScene) -> Climb:
+def sampled(scene: AnyCurveScene) -> SampledCurve:
     """Look at the load curve once; every question starts from this."""
     start, end = scene.interval()
     scan = scan_curve(scene.load, start, end, "dips" if scene.may_dip() else "single")
@@ -208,11 +208,11 @@ def climb_of(scene: AnyCurveScene) -> Climb:
         change = jax.vmap(scene.load)(start + (end - start) * FIRST) / scan.y[0] - 1
         rose = jnp.cumsum(change > DROP) > 0
         drops = touches & jnp.any((change < -DROP) & ~rose)
-    return Climb(scan, end, possible, touches, peak, limit, drops)
+    return SampledCurve(scan, end, possible, touches, peak, limit, drops)
 
 
 def approached(scene: AnyCurveScene, start: Scalar) -> tuple[Bool[Array, ""], Scalar, Scalar]:
-    """(touches, free_peak, free_limit) of `Climb`."""
+    """(touches, free_peak, free_limit) of `SampledCurve`."""
     approach = scene.approach()
     if approach is None:
         return jnp.asarray(True), start, jnp.full_like(start, jnp.inf)
@@ -228,28 +228,28 @@ def approached(scene: AnyCurveScene, start: Scalar) -> tuple[Bool[Array, ""], Sc
     return materialised(touches.astype(peak.dtype)) > 0, peak, limit
 
 
-def stop_of(scene: AnyCurveScene, climb: Climb, wanted: Bool[Array, ""] | bool = True) -> Scalar:
+def stop_of(scene: AnyCurveScene, curve: SampledCurve, wanted: Bool[Array, ""] | bool = True) -> Scalar:
     """The angle where the rising part of the load ends: its first maximum, or the end of the interval.
 
     Where it is not `wanted` a place before the maximum does, which costs nothing.
     """
-    scan = climb.scan
+    scan = curve.scan
     wanted = wanted & scan.falls
     peak = first_maximum(scene.load, scan, wanted)
-    stop = jnp.where(wanted, peak, jnp.where(scan.falls, scan.x[scan.sure], climb.end))
-    return jnp.where(climb.drops, scan.x[0], stop)
+    stop = jnp.where(wanted, peak, jnp.where(scan.falls, scan.x[scan.sure], curve.end))
+    return jnp.where(curve.drops, scan.x[0], stop)
 
 
-def _why(scene: AnyCurveScene, climb: Climb) -> Int[Array, ""]:
+def _why(scene: AnyCurveScene, curve: SampledCurve) -> Int[Array, ""]:
     """The reason where the branch ends."""
-    own = jnp.where(climb.scan.falls | climb.drops, Reason.LIMIT_POINT, scene.end_reason())
-    return jnp.where(climb.touches, own, Reason.LIMIT_BEFORE_CONTACT)
+    own = jnp.where(curve.scan.falls | curve.drops, Reason.LIMIT_POINT, scene.end_reason())
+    return jnp.where(curve.touches, own, Reason.LIMIT_BEFORE_CONTACT)
 
 
-def _branch_end(scene: AnyCurveScene, climb: Climb, stop: Scalar) -> Scalar:
+def _branch_end(scene: AnyCurveScene, curve: SampledCurve, stop: Scalar) -> Scalar:
     """The angle where a drawn branch ends, see `sg.branch`; values only. stop: where the pressure is the limit."""
-    scan, first = climb.scan, climb.scan.x[0]
-    latest = jnp.minimum(first + (1 - BEFORE_END) * (climb.end - first), scene.largest_angle())
+    scan, first = curve.scan, curve.scan.x[0]
+    latest = jnp.minimum(first + (1 - BEFORE_END) * (curve.end - first), scene.largest_angle())
 
     def before(wanted, begin):
         """The last of the angles from `begin` to `latest` in front of the first whose load is `wanted`."""

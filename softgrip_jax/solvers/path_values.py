@@ -12,7 +12,7 @@ from jax import lax
 from jaxtyping import Array, Float
 
 from ..equations import residual_and_observables
-from ..load_path import Goal, LoadPath, Search, begun, onwards, start_of, to_moderate
+from ..load_path import Goal, LoadPath, PathEnd, begun, onwards, start_of, to_moderate
 from ..numerics.choice import larger, select
 from ..numerics.implicit import implicit
 from ..reasons import Reason
@@ -107,7 +107,7 @@ def _sought(
 
 def _legs(
     method: Any, scene: Any, surplus: Goal, value: Scalar, span: LoadPath
-) -> tuple[tuple[Search, Search], Float[Array, " 2"]]:
+) -> tuple[tuple[PathEnd, PathEnd], Float[Array, " 2"]]:
     """First to where the pressure begins to act, then to the target, and the pressures there.
 
     What was not found because it lies far behind where the second leg began is sought once more from close to where
@@ -136,7 +136,7 @@ def _legs(
         return (jnp.where(is_loading, u, loaded), found), (found, span.pressure_at(u))
 
     start = start_of(scene, span)
-    none = Search(start, jnp.asarray(Status.OK), jnp.asarray(0), jnp.asarray(0), jnp.full_like(value, jnp.nan))
+    none = PathEnd(start, jnp.asarray(Status.OK), jnp.asarray(0), jnp.asarray(0), jnp.full_like(value, jnp.nan))
     _, (legs, pressures) = lax.scan(leg, (start, none), jnp.arange(3))
     loaded, reached = (jax.tree.map(lambda v, k=k: v[k], legs) for k in (0, 2))
     return (loaded, reached), pressures[jnp.array([0, 2])]

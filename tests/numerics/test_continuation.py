@@ -25,7 +25,7 @@ from softgrip_jax.numerics.continuation import (
     follow,
     trace,
 )
-from softgrip_jax.numerics.continuation.newton import FINE, Newton, goes_on, has_converged, value_and_jacobian
+from softgrip_jax.numerics.continuation.newton import FINE, NewtonIteration, goes_on, has_converged, value_and_jacobian
 from softgrip_jax.numerics.continuation.points import TURN
 
 DEGREE = 4
@@ -277,7 +277,7 @@ def test_a_goal_that_lies_a_little_behind_the_start_is_found():
 @pytest.mark.parametrize(("moves", "more"), [((1.3e-2, 2.4e-7), True), ((1e-3, 1e-6), True), ((1e-2, 9e-8), False)])
 def test_two_moves_tell_of_the_next_but_a_long_first_one_may_hide_what_bends(moves, more):
     """By the ratio of the first pair 8e-17 is left; 2e-13 was, in a finger whose first move lay along the path."""
-    newton = Newton(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
+    newton = NewtonIteration(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
     assert bool(goes_on(newton, 8, FINE)) == more
     assert bool(has_converged(newton, FINE)) != more
 

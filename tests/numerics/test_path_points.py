@@ -7,7 +7,7 @@ import pytest
 from softgrip_jax.numerics.continuation.newton import (
     FINE,
     Local,
-    Newton,
+    NewtonIteration,
     goes_on,
     has_converged,
     newton_step,
@@ -31,7 +31,7 @@ def arrive(degrees=0.0, correction=0.0, step=1.0, side=1.0, before=1.0, flip=1.0
     tangent = turned(degrees) if tangent is None else tangent
     local = Local(jnp.asarray(-2.0), flip * jnp.asarray(tangent), jnp.asarray(flip * side), jnp.array([1.0, 2.0]))
     size = jnp.asarray(0.1)
-    newton = Newton(guess + correction * jnp.asarray(ACROSS), size, size, jnp.asarray(count))
+    newton = NewtonIteration(guess + correction * jnp.asarray(ACROSS), size, size, jnp.asarray(count))
     return arrived(newton, local, start, guess, how.pop("within", False), **how)
 
 
@@ -116,7 +116,7 @@ def test_what_a_first_correction_leaves_is_itself_times_the_sine_of_the_turn():
 
 
 def moves(before_last, last, count=2, u=1.0):
-    return Newton(jnp.full(2, u), jnp.asarray(before_last), jnp.asarray(last), jnp.asarray(count))
+    return NewtonIteration(jnp.full(2, u), jnp.asarray(before_last), jnp.asarray(last), jnp.asarray(count))
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_one_step_in_the_plane_across_the_tangent_and_one_to_the_goal():
         return (u[0] - 2 * u[1] - 1)[None], u[0] - 100
 
     start, far = jnp.array([7.0, 4.0]), jnp.asarray(jnp.inf)
-    newton = Newton(start, far, far, jnp.asarray(0))
+    newton = NewtonIteration(start, far, far, jnp.asarray(0))
     across, local = newton_step(equations, jnp.asarray(TANGENT), start, False, newton)
     np.testing.assert_allclose(TANGENT @ (across.u - start), 0, atol=1e-14)
     np.testing.assert_allclose(across.u[0], 2 * across.u[1] + 1)

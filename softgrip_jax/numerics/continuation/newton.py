@@ -46,7 +46,7 @@ ROUGH = Accuracy(1e-3, 0.05)
 every point known well: a rough point may have been off the path."""
 
 
-class Newton(NamedTuple):
+class NewtonIteration(NamedTuple):
     """A Newton iteration under way: where it is, and the sizes of its last two moves."""
 
     u: Vector
@@ -55,9 +55,9 @@ class Newton(NamedTuple):
     count: Int[Array, ""]
 
 
-def newton_from(guess: Vector) -> Newton:
+def newton_from(guess: Vector) -> NewtonIteration:
     far = jnp.full((), jnp.inf, guess.dtype)
-    return Newton(guess, far, far, jnp.asarray(0))
+    return NewtonIteration(guess, far, far, jnp.asarray(0))
 
 
 def value_and_jacobian(function: Callable[[Vector], Any], u: Vector) -> tuple[Any, Any]:
@@ -84,8 +84,8 @@ def newton_step(
     tangent: Vector,
     guess: Vector,
     to_goal: Bool[Array, ""] | bool,
-    newton: Newton,
-) -> tuple[Newton, Local]:
+    newton: NewtonIteration,
+) -> tuple[NewtonIteration, Local]:
     """One Newton step towards the path in the plane through `guess` across the tangent or, with `to_goal`, towards the
     path where goal = 0; and what is known of the path before it."""
     u = newton.u
@@ -98,10 +98,10 @@ def newton_step(
     size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
     size = jnp.where(jnp.isfinite(size), size, jnp.inf)
     local = Local(goal - jnp.dot(rise, move), null / jnp.linalg.norm(null), sign, rise)
-    return Newton(u - move, newton.last, size, newton.count + 1), local
+    return NewtonIteration(u - move, newton.last, size, newton.count + 1), local
 
 
-def next_move(newton: Newton) -> Scalar:
+def next_move(newton: NewtonIteration) -> Scalar:
     """Quadratic convergence: moves e, C e^2, then C (C e^2)^2; never thought to be slower than halving, nor C to be
     less than LEAST_BEND: the first move may lie along the path, where nothing bends."""
     ratio = jnp.where(jnp.isfinite(newton.before_last), newton.last / newton.before_last, 1.0)
@@ -109,7 +109,7 @@ def next_move(newton: Newton) -> Scalar:
 
 
 def goes_on(
-    newton: Newton, limit: Int[Array, ""] | int, accuracy: Accuracy, free: Int[Array, ""] | int = 0
+    newton: NewtonIteration, limit: Int[Array, ""] | int, accuracy: Accuracy, free: Int[Array, ""] | int = 0
 ) -> Bool[Array, ""]:
     """Whether a Newton iteration has more to do; it is given up where its moves, after a few that are `free`, do not
     contract."""
@@ -120,5 +120,5 @@ def goes_on(
     return more & (newton.count < limit) & contracts & jnp.all(jnp.isfinite(newton.u))
 
 
-def has_converged(newton: Newton, accuracy: Accuracy) -> Bool[Array, ""]:
+def has_converged(newton: NewtonIteration, accuracy: Accuracy) -> Bool[Array, ""]:
     return (newton.last <= accuracy.move) | (next_move(newton) <= accuracy.move) | (newton.last <= ROUNDED)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from .newton import Local, Newton, Scalar, Vector
+from .newton import Local, NewtonIteration, Scalar, Vector
 
 TURN = 0.9
 """Cosine of the largest turn of the tangent in one step (26 degrees): keeps a step from jumping between branches."""
@@ -31,7 +31,7 @@ class Point(NamedTuple):
 
 
 def arrived(
-    newton: Newton,
+    newton: NewtonIteration,
     local: Local,
     before: Point,
     guess: Vector,

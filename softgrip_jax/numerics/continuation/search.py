@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from ..xla import materialised
-from .newton import Newton, Scalar, Vector, newton_from
+from .newton import NewtonIteration, Scalar, Vector, newton_from
 from .points import Point
 
 FIRST_STEP = 0.3
@@ -60,7 +60,7 @@ class Search(NamedTuple):
     count: Int[Array, ""]
     guess: Vector
     """Where the Newton iteration under way began."""
-    newton: Newton
+    newton: NewtonIteration
     iterations: Int[Array, ""]
     """Newton iterations so far."""
     careful: Bool[Array, ""]

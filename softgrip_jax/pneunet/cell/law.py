@@ -50,7 +50,7 @@ def numbers() -> np.ndarray:
         return data["C"].astype(float)
 
 
-class Cell(NamedTuple):
+class LoadedCell(NamedTuple):
     """One cell at one pressure."""
 
     loaded: form.Loaded
@@ -81,15 +81,15 @@ def sizes(finger: PneuNet) -> Array:
     return jnp.stack([getattr(finger, name) / finger.B for name in form.SIZES])
 
 
-def cell_of(finger: PneuNet, pressure: Scalar) -> Cell:
+def cell_of(finger: PneuNet, pressure: Scalar) -> LoadedCell:
     """The cell of a uniform finger, or of one segment, at a pressure (Pa)."""
-    return Cell(form.loaded(numbers(), sizes(finger), pressure / finger.material.shear_modulus()))
+    return LoadedCell(form.loaded(numbers(), sizes(finger), pressure / finger.material.shear_modulus()))
 
 
 class CellSection(SectionLaw):
     """The cell as the section law of the beam, in its signs and units: z = H theta', m = M / (mu B H^2)."""
 
-    cell: Cell
+    cell: LoadedCell
     slenderness: Scalar
     """H / B."""
 
