@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
@@ -127,8 +127,8 @@ class Memory:
     def nearest(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which design is nearest to each row of unit values, and the square of its distance."""
         # Steps that grow without bound lead nowhere: such a design begins anywhere, and finds nothing.
-        distance, nearest = cKDTree(self.at).query(np.nan_to_num(t))
-        return nearest, distance**2
+        distance, nearest = KDTree(self.at).query(np.nan_to_num(t))
+        return np.asarray(nearest), np.asarray(distance) ** 2
 
     def remember(self, t: np.ndarray, places: Any, good: np.ndarray) -> None:
         """Keep the good ones, in the places of the oldest."""

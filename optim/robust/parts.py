@@ -33,8 +33,9 @@ AT_ONCE = 16
 
 def problem_of_parts(problem: Problem, scatters: Scatters) -> Problem:
     """The same goals, limits and rules, asked of parts."""
+    space = ScatteredSpace(problem.space, scatters)
     found = Problem(
-        ScatteredSpace(problem.space, scatters),
+        space,
         problem.goals,
         problem.limits,
         ignore_rules=problem.ignored_rules,
@@ -42,6 +43,7 @@ def problem_of_parts(problem: Problem, scatters: Scatters) -> Problem:
         reported=problem.quantities,
     )
     assert found.quantities == problem.quantities
+    found.about = problem.about and f"{problem.about}\nparts {space.scatter_held()}"
     return found
 
 

@@ -108,7 +108,6 @@ class Scattered:
 
     def __init__(self, problem: Problem, uncertain: Uncertain):
         of_parts = problem_of_parts(problem, uncertain.scatters)
-        of_parts.about = problem.about and f"{problem.about}\nparts {of_parts.space.scatter_held()}"
         self.problem, self.uncertain, self.parts = problem, uncertain, Parts(of_parts)
         self.designs = DesignsOfParts(self.parts)
 

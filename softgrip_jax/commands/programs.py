@@ -145,7 +145,7 @@ def files_of(tree: Any, *modules: str) -> list[tuple[str, int, int]]:
             inside.add(node.node_data()[0].__module__)
     tops = {name.partition(".")[0] for name in (*inside, *modules)}.difference(KNOWN_BY_VERSION)
     files = set(PACKAGE.rglob("*.npz"))
-    for top in tops | {__package__.partition(".")[0]}:
+    for top in tops | {__name__.partition(".")[0]}:
         file = Path(getattr(sys.modules.get(top), "__file__", None) or "")
         files |= set(file.parent.rglob("*.py")) if file.name == "__init__.py" else {file} if file.is_file() else set()
     return sorted((str(file), file.stat().st_size, file.stat().st_mtime_ns) for file in files)

@@ -91,7 +91,8 @@ def _tried(scene: Any, near: Any, flat: Any, load: Scalar, largest: Scalar, firs
         told = (number <= 1) | (met.reached & ~passed)
         return number + 1, (~beside | passed | ~told) & (number < last), select(told, met, before)
 
-    shapes = jax.eval_shape(lambda: follow(scene, *flat, load, largest))
+    start, start_load, guess = flat
+    shapes = jax.eval_shape(lambda: follow(scene, start, start_load, guess, load, largest))
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     return lax.while_loop(going, next_try, (jnp.asarray(first), jnp.asarray(True), nothing))[2]
 
