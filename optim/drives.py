@@ -17,6 +17,7 @@ import numpy as np
 
 from softgrip_jax.commands.programs import QUICKLY, program
 from softgrip_jax.errors import CellRangeWarning, InputError
+from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.pneunet.cell.law import range_remarks
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
 from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet, all_rules
@@ -94,7 +95,7 @@ def by_other_drive(problem: Problem, x: Sequence[Any]) -> Beside | None:
         }
         return asked_set.measure(changed, solutions=known)
 
-    rows, batched = jnp.stack([jnp.asarray(row) for row in x]), jax.jit(jax.vmap(other_values, in_axes=(0, None)))
+    rows, batched = jnp.stack([jnp.asarray(row) for row in x]), traced_once(jax.vmap(other_values, in_axes=(0, None)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CellRangeWarning)  # it is among the remarks
         kept = program(batched, rows, given, about=problem.about, options=QUICKLY) if problem.about else batched

@@ -24,6 +24,7 @@ import softgrip_jax as sg
 from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
+from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Solution, Status, in_units
@@ -525,7 +526,7 @@ class Problem:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
         key = function.__name__, *fixed.items(), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
         if key not in self._programs:
-            batched = jax.jit(jax.vmap(wraps(function)(partial(function, **fixed))))
+            batched = traced_once(jax.vmap(wraps(function)(partial(function, **fixed))))
             about = f"{self.about}{fixed or ''}"
             kept = program(batched, *rows, about=about, options=options) if self.about else batched
             self._programs[key] = kept

@@ -317,7 +317,7 @@ def named(quantity: Quantity, scenes: Scenes) -> Quantity:
         raise InputError(
             f"{quantity.label()} asks for scene {quantity.scene!r}; it must be one of {', '.join(scenes)}."
         )
-    if quantity.rule in rules_at_rest(scenes[quantity.scene]):
+    if quantity.rule is not None and quantity.rule in rules_at_rest(scenes[quantity.scene]):
         return dataclasses.replace(quantity, at=AT_REST)
     kind_of(quantity, scenes)
     at = quantity.at

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from .errors import InputError
 from .fields import batched_field, require, to_float_array
+from .numerics.xla import traced_once
 from .results import Solution, stop_gradient_where_failed
 from .scene import Scalar, Scene, Solver, equilibrium, frozen
 
@@ -52,30 +53,30 @@ def _one_pressure(pressure: Any) -> Scalar:
     return checked
 
 
-@jax.jit
+@traced_once
 def _solve_by(scene: Scene, pressure: Scalar, solver: Solver, guess: Array | None) -> Solution:
     fixed, at, near = frozen((scene, pressure, guess))
     return scene._solution(solver.find(fixed, at, near)._replace(pressure=pressure))
 
 
-@jax.jit
+@traced_once
 def _contact_pressure(scene: Scene) -> Scalar:
     possible = scene.can_exist()
     return jnp.where(possible, scene.solver().onset(stop_gradient_where_failed(possible, scene)), jnp.nan)
 
 
-@jax.jit
+@traced_once
 def _limit_pressure(scene: Scene) -> Scalar:
     solver = scene.solver()
     return solver.limit_pressure_from(scene, frozen(solver.find_limit(frozen(scene))))
 
 
-@jax.jit
+@traced_once
 def _path(scene: Scene, pressures: Float[Array, " n"]) -> Solution:
     return scene.solver().along(scene, pressures)
 
 
-@partial(jax.jit, static_argnames="n")
+@partial(traced_once, static_argnames="n")
 def _branch(scene: Scene, n: int) -> Solution:
     return scene.solver().branch(scene, n)
 
@@ -296,6 +297,6 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
     return scene, name, wanted
 
 
-@partial(jax.jit, static_argnames="name")
+@partial(traced_once, static_argnames="name")
 def _pressure_for(scene: Scene, name: str, value: Scalar) -> Solution:
     return scene.solver().solve_for(scene, name, value)

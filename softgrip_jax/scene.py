@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .errors import InputError
 from .fields import Checked, admissible, rule_names
 from .numerics.implicit import implicit, with_derivatives_of
+from .numerics.xla import traced_once
 from .reasons import BROKEN, Reason
 from .results import Solution, Status, mask, stop_gradient_where_failed
 
@@ -288,7 +289,7 @@ def frozen(tree: Any) -> Any:
     return jax.tree.map(lax.stop_gradient, tree)
 
 
-@jax.jit
+@traced_once
 def equilibrium(scene: Scene, pressure: Scalar) -> Solution:
     """The state at a pressure by the scene's own solver."""
     fixed = frozen(scene)

@@ -29,6 +29,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
+from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.parameters import ready
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene
@@ -203,8 +204,8 @@ class Fitting:
         self.known = np.array([c.noise is not None for c in curves])
         """Curves with a stated noise."""
         self.weight = np.concatenate([np.full(len(c.x), float(c.fit)) for c in curves])
-        self.fit_member_jit = jax.jit(self.fit_member)
-        self._predict_jit = jax.jit(self.predict_with_slopes)
+        self.fit_member_jit = traced_once(self.fit_member)
+        self._predict_jit = traced_once(self.predict_with_slopes)
 
     def predict(self, x: Float[Array, " n"], xs: dict[str, Array]) -> Response:
         """All models at parameters x (SI)."""

@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from softgrip_jax.draws import read_draws
 from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.progress import Tell, silent
 
 from ..calibration.identifiability import HELPFUL, TAKES_PART, UNKNOWN, combination, directions
@@ -99,7 +100,7 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
     reference = np.asarray(fitting.space.reference)
     draws, prior = _known(settings, reference)
     tell("compiling once, then every candidate at every draw")
-    program = jax.jit(jax.vmap(fitting.predict_with_slopes, in_axes=(0, None)))
+    program = traced_once(jax.vmap(fitting.predict_with_slopes, in_axes=(0, None)))
     everywhere = np.concatenate([reference[None], draws])
     predicted = jax.tree.map(np.asarray, program(jnp.asarray(everywhere), fitting.points()))
     rows, values, known, of, x = [], [], [], [], []

@@ -110,7 +110,8 @@ def program(
             trees.append(out)
             return found
 
-        exported = export.export(jax.jit(of_arrays))(*arrays)
+        with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):  # see numerics.xla.traced_once
+            exported = export.export(jax.jit(of_arrays))(*arrays)
         out = trees[0]
         # A tree of our own classes cannot be pickled, what has its structure can.
         template = jax.tree.unflatten(out, [0] * out.num_leaves)

@@ -57,25 +57,26 @@ def lane_pool(
 
     @run.def_vmap
     def batched(size, is_batched, start, context):
-        axes = jax.tree.map(lambda b: 0 if b else None, is_batched)
+        # All of a state becomes a batch: said at once, or JAX looks for that in the loop's body, several times.
+        start = jax.tree.map(lambda v, b: v if b else jnp.broadcast_to(v, (size, *jnp.shape(v))), start, is_batched[0])
+        axes = jax.tree.map(lambda b: 0 if b else None, is_batched[1])
         width = slots or SLOTS.get(jax.default_backend(), MANY_SLOTS)
         if size <= width:
-            found = jax.vmap(loop, axes, axis_size=size)(start, context)
+            found = jax.vmap(loop, (0, axes), axis_size=size)(start, context)
         else:
-            found = _through_pool(busy, iterate, start, context, is_batched, size, width)
+            found = _through_pool(busy, iterate, start, context, is_batched[1], size, width)
         return found, jax.tree.map(lambda _: True, found)
 
     return run(start, context)
 
 
 def _through_pool(busy, iterate, start, context, is_batched, size: int, width: int):
-    start = jax.tree.map(lambda v, b: v if b else jnp.broadcast_to(v, (size, *jnp.shape(v))), start, is_batched[0])
     one, packed = jax.tree.map(lambda v: v[0], start), jax.vmap(lambda state: ravel_pytree(state)[0])(start)
     unpack = ravel_pytree(one)[1]
-    axes = jax.tree.map(lambda b: 0 if b else None, is_batched[1])
+    axes = jax.tree.map(lambda b: 0 if b else None, is_batched)
 
     def contexts(members):
-        return jax.tree.map(lambda v, b: v[members] if b else v, context, is_batched[1])
+        return jax.tree.map(lambda v, b: v[members] if b else v, context, is_batched)
 
     def one_on(state, context):
         """One iteration of what is busy, and whether it still is."""

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 
 from ..equations import CurveEquations
 from ..errors import InputError
+from ..numerics.xla import traced_once
 from ..parameters import Named, Parameter, Parameters, Scenes
 from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, Quantity, QuantitySet
 from ..scene import Scene
@@ -118,7 +119,7 @@ class Study:
         """The function of a call's designs. Where the process has several devices each takes its part of them."""
         devices = jax.devices()
         if len(devices) == 1 or self.call % (self.batch * len(devices)):
-            return jax.jit(self._batches)
+            return traced_once(self._batches)
         mesh = jax.make_mesh((len(devices),), ("devices",), axis_types=(AxisType.Auto,))
         parts = PartitionSpec("devices")
         each = jax.shard_map(self._batches, mesh=mesh, in_specs=parts, out_specs=parts, check_vma=False)
@@ -145,7 +146,7 @@ class Study:
 
     def measured_alone(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """One design, without the cost of a batch."""
-        return {name: np.asarray(value) for name, value in jax.jit(self.measure)(jnp.asarray(x)).items()}
+        return {name: np.asarray(value) for name, value in traced_once(self.measure)(jnp.asarray(x)).items()}
 
     def rows(self, k: int) -> np.ndarray:
         """The designs of block k."""
