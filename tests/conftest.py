@@ -128,7 +128,6 @@ SISTERS = {
         "test_python_of_the_page[docs/guides/sensitivity.md]",
     ],
     "energy": [
-        "test_derivatives_forward_reverse_and_differences_agree[neo-False]",
         "test_the_expanded_energy_has_the_derivatives_that_jax_finds[False]",
     ],
     "explorer_browser": [

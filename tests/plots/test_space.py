@@ -135,7 +135,7 @@ def test_contact_is_marked_between_the_chambers_of_a_grasp(grasp):
     check_contacts(grasp, grasp.scene.gripper.n)
 
 
-@pytest.mark.parametrize("model", ["arc", "energy"])
+@pytest.mark.parametrize("model", ["arc", pytest.param("energy", marks=pytest.mark.slow)])
 def test_contact_of_a_membrane_lies_on_its_face(model):
     """As long and as wide as from the side, on the membrane and on the object; one force though two views show it."""
     solution = sg.solve(sg.shell.FlatContact(SHELL, distance=5 * mm, model=model), 15 * kPa)

@@ -238,8 +238,8 @@ def test_a_small_object_that_was_passed_is_not_converged():
         assert np.isnan(passed.force)
         height = float(passed.scene.functional.passed(passed.unknowns, passed.scene) * 16)
         assert 0.01 * 1.1 < height < 2.01  # not deeper in the ball than its radius, mm
-    # What presses is not passed, nor what is not reached.
-    for touched in (Sphere(20 * mm, 5 * mm), Cylinder(3 * mm, 3 * mm), Plane(5 * mm), Plane(50 * mm)):
+    # What presses is not passed, nor what is not reached; planes and balls of any size are one program each.
+    for touched in (Sphere(20 * mm, 5 * mm), Plane(5 * mm), Plane(50 * mm)):
         solution = sg.solve(small(touched), 12 * kPa)
         assert int(solution.status) in (Status.OK, Status.NO_CONTACT)
         assert float(solution.scene.functional.passed(solution.unknowns, solution.scene)) == 0
@@ -336,6 +336,7 @@ def test_forces_by_the_usual_polynomials_and_by_more(obstacle, pressure, limit, 
         assert float(solution.force) == pytest.approx(limit, rel=share)
 
 
+@pytest.mark.slow
 def test_a_plane_is_pressed_evenly():
     """Where a membrane lies flat the contact presses as the air does; over all of it, by the force."""
     scene = sg.shell.ObstacleContact(shell(), Plane(5 * mm), symmetry="both")
@@ -436,7 +437,8 @@ def test_a_function_of_the_user_is_an_obstacle():
 
 
 @pytest.mark.parametrize(
-    ("material", "bending"), [("neo", True), pytest.param("ogden", True, marks=pytest.mark.slow), ("neo", False)]
+    ("material", "bending"),
+    [("neo", False), *(pytest.param(m, True, marks=pytest.mark.slow) for m in ("neo", "ogden"))],
 )
 def test_derivatives_forward_reverse_and_differences_agree(material, bending):
     scene = dataclasses.replace(small(Plane(5 * mm), material), bending=bending)

@@ -157,6 +157,7 @@ def test_the_implicit_rule_is_optimistixs():
     np.testing.assert_allclose(jax.grad(jax.grad(by_implicit))(a), second, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_energy_membrane_by_its_solver():
     scene = cheap(sg.shell.Free(shell(), model="energy"))
     ours, other = (sg.solve(scene, 12 * kPa, solver=s) for s in (MinimumEnergy(largest_step=0.6), None))

@@ -791,6 +791,7 @@ def test_the_config_of_the_project_runs(tmp_path):
     assert study.designs.shape == (49, 46)
 
 
+@pytest.mark.slow
 def test_membranes_by_energy_are_not_filled_up_with_copies_and_know_each_other():
     """Three designs are a batch of three, and two pressures of a design one program."""
     shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
