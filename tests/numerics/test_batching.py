@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from softgrip_jax.numerics.batching import lane_pool
+from softgrip_jax.numerics.xla import traced_once
 
 
 class Counted(NamedTuple):
@@ -67,3 +68,49 @@ def test_every_lane_has_its_own_context():
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(steps, numbers), steps * numbers, rtol=1e-12)
     together = np.full(200, 5)  # every slot ends at once, and makes room for as many
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(together, numbers), 5 * numbers, rtol=1e-12)
+
+
+def times_traced(batched, through):
+    """How often a loop's body is traced for one answer, or for a batch, of a function that is compiled by itself."""
+    traced = []
+
+    def iterate(state, step):
+        traced.append(step)
+        return state + step
+
+    def added(step):
+        return lane_pool(lambda state: state < 10, iterate, 0.0 * step, step)
+
+    function = through(added)
+    jax.jit(jax.vmap(function) if batched else function)(jnp.array([1.0, 3.0]) if batched else 1.0)
+    return len(traced)
+
+
+def test_a_loop_is_traced_once_for_one_member_and_for_many():
+    assert times_traced(False, traced_once) == 1
+    assert times_traced(True, traced_once) == 1
+
+
+@pytest.mark.parametrize("taken", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+def test_a_function_is_traced_once_where_it_is_a_derivative_of_another(taken):
+    traced = []
+
+    @jax.jit
+    def three_squares(x):
+        traced.append(x)
+        return 3 * x**2
+
+    @jax.custom_jvp
+    def cube(x):
+        return x**3
+
+    cube.defjvp(lambda at, along: (cube(*at), three_squares(*at) * along[0]))
+    both = traced_once(lambda x: cube(x) + three_squares(x))
+    assert jax.jit(taken(both))(2.0) == 12 + 12
+    assert len(traced) == 1
+
+
+def test_options_and_words_go_through():
+    power = traced_once(lambda x, n: x**n, static_argnames="n")
+    assert power(2.0, n=3) == 8
+    assert traced_once(collatz).__name__ == "collatz"
