@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, program
+from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, is_used, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once
@@ -524,13 +524,28 @@ class Problem:
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
+        return self._made(function, options, *rows, **fixed)(*rows)
+
+    def _made(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
+        """That program, for rows of these shapes."""
         key = function.__name__, *fixed.items(), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
         if key not in self._programs:
             batched = traced_once(jax.vmap(wraps(function)(partial(function, **fixed))))
             about = f"{self.about}{fixed or ''}"
             kept = program(batched, *rows, about=about, options=options) if self.about else batched
             self._programs[key] = kept
-        return self._programs[key](*rows)
+        return self._programs[key]
+
+    def prepare(self, chunk: int, nearby: int) -> None:
+        """Have a command's programs for batches of `solved` and of `solved_nearby` made: the one is compiled while the
+        other is traced."""
+        if not (self.about and is_used()):
+            return
+        t = np.zeros((chunk, self.space.size))
+        whole = self._made(self.solve, QUICKLY, t)
+        known = jax.eval_shape(self.known, t, whole.shapes.solutions)
+        t, known = jax.tree.map(lambda v: np.zeros((nearby, *v.shape[1:]), v.dtype), (t, known))
+        self._made(self.solve_nearby, SIDE_BY_SIDE, t, known)
 
     def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch, all with one home."""

@@ -174,6 +174,7 @@ class Evaluator:
         if not self.is_near:
             return self._with_shortfalls(t)
         if not self.can_begin:
+            self._prepare()
             self._begin(t[:1])
         found, left = cast(Any, None), np.arange(len(t))
 
@@ -205,6 +206,10 @@ class Evaluator:
         if len(left):
             answer(left, self._with_shortfalls(t[left]))
         return cast(Evaluated, found)
+
+    def _prepare(self) -> None:
+        """Have the programs made that every search needs."""
+        self.problem.prepare(self.chunk, self.nearby_chunk)
 
     @property
     def can_begin(self) -> bool:

@@ -56,6 +56,9 @@ class SpreadEvaluator(Evaluator):
         super().__init__(problem, chunk)
         self.calls = calls
 
+    def _prepare(self) -> None:
+        """Each worker makes its own."""
+
     def _run(self, program: Any, batches: list[Any]) -> list[Any]:
         function = program.func if isinstance(program, partial) else program
         further = program.keywords if isinstance(program, partial) else {}

@@ -34,7 +34,7 @@ from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 
 from .. import rules
-from ..drives import beyond_law, by_other_drive
+from ..drives import OtherProgram, beyond_law, by_other_drive, other_program
 from ..problem import Goal, Problem
 from ..records import (
     agreed,
@@ -85,7 +85,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         scattered = Scattered(wanted.problem, wanted.uncertain)
     with new_folder(out, config.stem) as (folder, final):
         with nullcontext(scattered.evaluator) if scattered else evaluator_on(spread, wanted.problem) as evaluator:
-            result = _search_with_progress(wanted, console, evaluator)
+            result, other = _search_with_progress(wanted, console, evaluator)
         if scattered and not result.stopped:
             try:
                 with located(f"{config}, [design.uncertain]"), stages(console) as tell:
@@ -100,7 +100,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
         with DeferInterrupt() as writing:
 
             def tell_all(console: Console) -> None:
-                report(result, console)
+                report(result, console, other)
                 if robust:
                     robust_report.tell(wanted.problem, result, robust, console)
                 if missed:
@@ -282,7 +282,10 @@ def _sense(problem: Problem) -> tuple[int, str]:
 # --- what people see --------------------------------------------------------------------------------------------------
 
 
-def _search_with_progress(wanted: settings.Settings, console: Console, evaluator: Any) -> SearchResult:
+def _search_with_progress(
+    wanted: settings.Settings, console: Console, evaluator: Any
+) -> tuple[SearchResult, OtherProgram | None]:
+    """The search, and what tells of its designs by the other drive, which is compiled at the same time."""
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
     goals = wanted.problem.goals
@@ -305,11 +308,12 @@ def _search_with_progress(wanted: settings.Settings, console: Console, evaluator
         def show(step: int, best: float, feasible: int, moving: int) -> None:
             count(step if moving else steps, words(best, feasible, moving))
 
-        return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments)
+        other = other_program(wanted.problem, 1 + SHOWN)
+        return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments), other
 
 
-def report(result: SearchResult, console: Console) -> None:
-    """The start and the best distinct designs, side by side."""
+def report(result: SearchResult, console: Console, of_other: OtherProgram | None = None) -> None:
+    """The start and the best distinct designs, side by side. of_other: for `by_other_drive`."""
     problem, shown = result.problem, [result.reference, *result.designs[:SHOWN]]
     table = Table(title=f"the best of {len(result.designs)} distinct designs", title_justify="left")
     table.add_column("")
@@ -327,7 +331,7 @@ def report(result: SearchResult, console: Console) -> None:
             "distance from the curve (rms)", *(in_units(_distance(problem, followed, d), "length") for d in shown)
         )
     # Nobody who stops a search waits for one more program to be compiled.
-    beside = None if result.stopped else by_other_drive(problem, [design.x for design in shown])
+    beside = None if result.stopped else by_other_drive(problem, [design.x for design in shown], of_other)
     for name, values in beside.rows(problem) if beside else []:
         table.add_row(name, *values)
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):

@@ -9,17 +9,22 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..commands.programs import WAITED
+
 EVENTS = {
     "/jax/core/compile/jaxpr_trace_duration": "trace",
     "/jax/core/compile/jaxpr_to_mlir_module_duration": "trace",
     "/jax/core/compile/backend_compile_duration": "compile",
+    WAITED: "compile",
 }
-"""What JAX calls them -> what we do; a program that comes from the cache counts as compiled, for as long as it took."""
+"""What JAX calls them -> what we do; a program that comes from the cache counts as compiled, for as long as it took.
+What is compiled while the command does something else counts where it has to be waited for."""
 
 WORDS = {
     "import": "importing Python, JAX and this package",
@@ -76,7 +81,7 @@ class Profile:
 
     def _heard(self, event: str, seconds: float, **_: Any) -> None:
         what = EVENTS.get(event)
-        if what:
+        if what and threading.current_thread() is threading.main_thread():
             self.seconds[what] += seconds
 
     def lines(self) -> list[str]:

@@ -8,7 +8,10 @@ import hashlib
 import os
 import pickle
 import sys
+import threading
+import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +40,9 @@ unknowns wait for each other. Where another program has one of the processors th
 COLLECTED = 1_000_000
 """Objects between two looks for what nobody holds any more: while JAX is imported and traces nearly all of them are
 kept, and with Python's 700 looking takes a sixth of the first answer."""
+
+WAITED = "/softgrip_jax/waited_for_a_program"
+"""What JAX's monitoring hears of the seconds in which nothing was done but to wait for the compiler."""
 
 _folder: Path | None = None
 """Where programs are kept; nowhere unless this process is a command."""
@@ -78,7 +84,9 @@ def program(
     What JAX exports is kept beside its own cache, for the versions and the sources as they are. What cannot be read or
     written is traced as if nobody had kept it.
 
-    What was exported has the shapes of its answer, `shapes`.
+    What was exported has the shapes of its answer, `shapes`. It is compiled, or read, on a thread of its own, and
+    waited for when it is called: whoever asks for several programs before he calls one has the next ones traced
+    meanwhile.
 
     about: what the function holds beside its arguments, in words that are different where that is. options: of XLA's
     compiler, for the versions of jaxlib that were seen.
@@ -119,9 +127,10 @@ def program(
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
             write_whole(file, content)
-    called = jax.jit(exported.call, compiler_options=quickly)
+    compiled = _beside(lambda: jax.jit(exported.call, compiler_options=quickly).lower(*arrays).compile())
 
     def run(*args):
+        called = _waited_for(compiled)
         given = jax.tree.leaves(args)
         # JAX takes NumPy's arrays as they are, in a tenth of the time; a bare number it would take for another type.
         of_numpy = [given[k] if isinstance(given[k], np.ndarray) else jnp.asarray(given[k]) for k in numbers]
@@ -129,6 +138,31 @@ def program(
 
     run.shapes = jax.tree.unflatten(out, exported.out_avals)  # type: ignore[attr-defined]
     return run
+
+
+def _beside(function: Callable[[], Any]) -> Future[Any]:
+    """What a function gives, from a thread that nobody waits for at the end of the process."""
+    found: Future[Any] = Future()
+
+    def work():
+        try:
+            found.set_result(function())
+        except BaseException as error:  # it is raised where the result is asked for
+            found.set_exception(error)
+
+    threading.Thread(target=work, name="softgrip compile", daemon=True).start()
+    return found
+
+
+def _waited_for(found: Future[Any]) -> Any:
+    """Its result; JAX's monitoring hears how long that took."""
+    if not found.done():
+        from jax import monitoring
+
+        begin = time.perf_counter()
+        found.exception()
+        monitoring.record_event_duration_secs(WAITED, time.perf_counter() - begin)
+    return found.result()
 
 
 KNOWN_BY_VERSION = ("builtins", "jax", "jaxlib", "equinox", "optax", "numpy")

@@ -7,7 +7,7 @@ what is used in ten loops is computed ten times. It never does so with a quotien
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial, wraps
+from functools import partial
 from typing import Any
 
 import jax
@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, ArrayLike
 
 
-def traced_once(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+class traced_once:
     """jax.jit(function), whose parts JAX does not trace again for derivatives and batches.
 
     Where JAX goes through what it has traced, to batch or to differentiate it, it has set a mesh of devices, the empty
@@ -27,14 +27,15 @@ def traced_once(function: Callable[..., Any], **options: Any) -> Callable[..., A
 
     options: as of jax.jit.
     """
-    program = jax.jit(function, **options)
 
-    @wraps(function)
-    def call(*args: Any, **kwargs: Any) -> Any:
+    def __init__(self, function: Callable[..., Any], **options: Any):
+        self.program = jax.jit(function, **options)
+        for name in ("__module__", "__name__", "__qualname__", "__doc__"):
+            setattr(self, name, getattr(function, name, None))
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
         with jax.sharding.use_abstract_mesh(jax.sharding.get_abstract_mesh()):
-            return program(*args, **kwargs)
-
-    return call
+            return self.program(*args, **kwargs)
 
 
 @jax.custom_jvp

@@ -258,7 +258,7 @@ def test_a_scene_type_is_compiled_once():
 
     scene, _ = reference(CASES[0])
     sg.solve(scene, 5e3)
-    before = equilibrium._cache_size()
+    before = equilibrium.program._cache_size()
     for pressure in (6e3, 7e3, 90e3):
         sg.solve(CASES[0].make(), pressure)
-    assert equilibrium._cache_size() == before
+    assert equilibrium.program._cache_size() == before
