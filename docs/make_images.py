@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import FancyBboxPatch
 from rich.console import Console
 
 import softgrip_jax as sg
@@ -28,6 +31,58 @@ IMAGES = HERE / "images"
 
 SOLVER_STOPPED = 41.0
 """kPa: as far as the thesis's model predicts the blocked force of type A (section 6.3.2)."""
+
+
+GROUND, PHYSICS, QUESTIONS, PEOPLE, SEARCHES = "#e4e4e4", "#cfe3f1", "#d9ead3", "#fdf0cc", "#f8d9c4"
+KINDS = {
+    PHYSICS: "materials objects membrane equations shell pneunet geometry model_error",
+    QUESTIONS: "scene solvers questions results curve_scene quantities parameters study fidelity verify spread",
+    PEOPLE: "config commands cli explorer plots report thesis cad draws __main__",
+}
+"""Colours of rooms; what is left is the ground, or of the package `optim`."""
+
+
+def rooms() -> None:
+    """The rooms in layers, each above all that it imports: read from the table of architecture.md."""
+    page = (HERE / "architecture.md").read_text(encoding="utf-8")
+    row = re.compile(r"^\| `([\w.]+)` \| [^|]+ \| ?([^|]*?) ?\|$", re.MULTILINE)
+    below = {room: set(may.split(", ")) - {""} for room, may in row.findall(page)}
+
+    def reached(room: str, seen: set[str]) -> set[str]:
+        for other in below[room] - seen:
+            seen.add(other)
+            reached(other, seen)
+        return seen
+
+    everything = {room: reached(room, set()) for room in below}
+
+    @cache
+    def layer(room: str) -> int:
+        """One above the highest room below; rooms that import each other share theirs."""
+        same = {other for other in everything[room] if room in everything[other]} | {room}
+        return max((layer(other) + 1 for one in same for other in below[one] - same), default=0)
+
+    colours = {room: colour for colour, names in KINDS.items() for room in names.split()}
+    layers = [sorted(room for room in below if layer(room) == k) for k in range(1 + max(map(layer, below)))]
+    with mpl.rc_context(STYLE | {"svg.fonttype": "none", "svg.hashsalt": "rooms"}):
+        ax = Figure(figsize=(8.4, 8.4)).subplots()
+        for height, names in enumerate(layers):
+            for k, name in enumerate(names):
+                x = k - (len(names) - 1) / 2
+                colour = colours.get(name, SEARCHES if name.startswith("optim") else GROUND)
+                look = {"fc": colour, "ec": "none"}
+                box = FancyBboxPatch((x - 0.42, height - 0.26), 0.84, 0.52, "round,pad=0,rounding_size=0.08", **look)
+                ax.add_patch(box)
+                ax.text(x, height, name, ha="center", va="center", fontsize=7)
+        wide = max(map(len, layers)) / 2
+        arrow = {"arrowstyle": "->", "color": BODY}
+        ax.annotate("", (-wide - 0.2, -0.3), (-wide - 0.2, len(layers) - 0.7), arrowprops=arrow)
+        words = {"rotation": 90, "ha": "right", "va": "center", "fontsize": 8, "color": BODY}
+        ax.text(-wide - 0.3, len(layers) / 2, "may import", **words)
+        ax.set(xlim=(-wide - 0.7, wide), ylim=(-0.6, len(layers) - 0.4))
+        ax.axis("off")
+        assert isinstance(ax.figure, Figure)
+        ax.figure.savefig(IMAGES / "rooms.svg", metadata={"Date": None})
 
 
 def fold() -> None:
@@ -161,6 +216,7 @@ GALLERY_DPI = 130
 """Enough for a screen."""
 
 MAKE = {
+    "rooms": rooms,
     "fold": fold,
     "shell_grasp": shell_grasp,
     "reproduction": reproduction,

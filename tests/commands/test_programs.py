@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 
 import jax
 import pytest
@@ -94,3 +95,22 @@ def test_a_program_belongs_to_the_files_that_it_is_made_of(tmp_path, monkeypatch
     assert "laws.py" in names(ours)  # of our own materials
     assert not any("mine" in path for path, *_ in ours)
     assert "descent.py" in names(ours)
+
+
+def test_what_is_compiled_beside_is_waited_for():
+    gate, heard = threading.Event(), {}
+    found = programs._beside(lambda: gate.wait(60))
+    assert not found.done()
+    threading.Timer(0.05, gate.set).start()
+
+    def hear(event, seconds, **_):
+        heard[event] = seconds
+
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    assert programs._waited_for(found) is True
+    assert 0.02 < heard.pop(programs.WAITED) < 60
+    assert programs._waited_for(found) is True
+    jax.monitoring.unregister_event_duration_listener(hear)
+    assert heard == {}  # the second time it was there
+    with pytest.raises(ZeroDivisionError):
+        programs._waited_for(programs._beside(lambda: 1 / 0))

@@ -76,6 +76,21 @@ def test_no_files_need_each_other():
     TopologicalSorter(graph).prepare()
 
 
+def test_the_figure_has_every_room_above_those_that_it_imports():
+    """It is drawn by docs/make_images.py, from the same table."""
+    figure = (ROOT / "docs" / "images" / "rooms.svg").read_text(encoding="utf-8")
+    places = re.findall(r'<text [^>]*?y="([\d.]+)"[^>]*>([\w.]+)</text>', figure)
+    height = {name: -float(y) for y, name in places}
+    assert height.keys() == set(ALLOWED)
+    for room, below in ALLOWED.items():
+        for other in below:
+            needs, found = {other}, set()
+            while needs != found:
+                found, needs = needs, needs.union(*(ALLOWED[name] for name in needs))
+            # Rooms of which each needs the other one stand side by side.
+            assert height[room] == height[other] if room in needs else height[room] > height[other], (room, other)
+
+
 def test_the_page_names_every_room_and_no_other():
     assert {room_of(name) for name in KNOWN} - {None} == set(ALLOWED)
 

@@ -21,6 +21,7 @@ from optim.design.run import _batch
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
+from softgrip_jax.commands import programs
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
@@ -115,13 +116,17 @@ def test_the_memory_finds_the_nearest_and_forgets_the_oldest(monkeypatch):
     assert 0 <= beyond[1] < 32
 
 
-def test_a_finger_is_solved_from_the_nearest_one():
-    """By the same numbers as along the whole way, with derivatives that differences confirm."""
+def test_a_finger_is_solved_from_the_nearest_one(tmp_path, monkeypatch):
+    """By the same numbers as along the whole way, with derivatives that differences confirm; in a command, which has
+    the programs made that it needs, and no others."""
+    monkeypatch.setattr(programs, "_folder", tmp_path)
     finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
     held = sg.pneunet.TipContact(finger, points=6)
     space = Space({"held": held}, [Variable("finger.a", 4 * mm, 6 * mm), Variable("finger.H", 4 * mm, 6 * mm)])
     force = Quantity("tip_force", 25 * kPa, "held")
-    evaluate = searching.Evaluator(Problem(space, [Goal("maximise", force)]), 4)
+    problem = Problem(space, [Goal("maximise", force)])
+    problem.about = "this test"
+    evaluate = searching.Evaluator(problem, 4)
     t = np.random.default_rng(3).uniform(0.05, 0.95, (40, 2))
     found, whole = evaluate(t), evaluate.solve(t)
     assert np.all(found.shortfall == 0)
@@ -131,6 +136,7 @@ def test_a_finger_is_solved_from_the_nearest_one():
         up, down = (evaluate.solve(t + sign * step * np.eye(2)[k]).values[:, 0] for sign in (1, -1))
         np.testing.assert_allclose(found.value_slopes[:, 0, k], (up - down) / (2 * step), rtol=1e-4)
     assert len(evaluate.states[0].at) == 41  # the first one is solved along the whole way, and then again from there
+    assert len(problem._programs) == len(list(tmp_path.glob("*.traced"))) == 2
 
 
 @pytest.mark.slow
