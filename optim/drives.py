@@ -65,90 +65,72 @@ class Beside(NamedTuple):
 
 
 class OtherDrive(NamedTuple):
-    """What is asked of a problem's fingers by their other drive."""
+    """What is asked of a problem's fingers by their other drive, and the program that answers."""
 
     scenes: dict[str, Any]
     """Those that have another drive, by it."""
     asked: QuantitySet
     pressures: np.ndarray
     """Of its states; NaN where one is sought."""
-
-
-class OtherProgram(NamedTuple):
-    """Solves designs by their other drive."""
-
     program: Any
     """(rows of SI values, pressures) -> what was asked of each. Pressures are data: it serves for lower ones, too."""
     designs: int
     """Rows of a call."""
 
 
-def _other_drive(problem: Problem) -> OtherDrive | None:
-    """None where there are no fingers, and where the problem has both drives already."""
+def other_drive(problem: Problem, designs: int) -> OtherDrive | None:
+    """What `by_other_drive` needs for up to so many designs: a command has it compiled while it searches. None where
+    there are no fingers, and where the problem has both drives already."""
     scenes = problem.space.scenes
     if any(_is_twin(scenes, name) for name in scenes):
         return None
     others = {name: other for name, scene in scenes.items() if (other := with_other_drive(scene)) is not None}
-    asked = [
+    quantities = [
         q
         for q in problem.quantities
         if q.scene in others and q.at not in (None, AT_REST) and q.along is None and q.observable != LIMIT_MARGIN
         if _has(others[q.scene], q)
     ]
-    if not asked:
+    if not quantities:
         return None
-    asked_set = QuantitySet(scenes, asked)
-    pressures = [np.nan if isinstance(at, str | tuple) else at for _, at in asked_set.states]
-    return OtherDrive(others, asked_set, np.array(pressures, dtype=float))
-
-
-def _other_program(problem: Problem, other: OtherDrive, designs: int) -> OtherProgram:
-    """For so many designs at once."""
+    asked = QuantitySet(scenes, quantities)
+    given = np.array([np.nan if isinstance(at, str | tuple) else at for _, at in asked.states], dtype=float)
 
     def other_values(x, pressures):
         moved = without_rules(problem.space.scenes_at(x))
-        changed = {name: with_other_drive(scene) if name in other.scenes else scene for name, scene in moved.items()}
+        changed = {name: with_other_drive(scene) if name in others else scene for name, scene in moved.items()}
         known = {
             state: solve(changed[state[0]], p)
-            for state, p in zip(other.asked.states, pressures, strict=True)
+            for state, p in zip(asked.states, pressures, strict=True)
             if not isinstance(state[1], str | tuple)
         }
-        return other.asked.measure(changed, solutions=known)
+        return asked.measure(changed, solutions=known)
 
-    batched = traced_once(jax.vmap(other_values, in_axes=(0, None)))
-    if not problem.about:
-        return OtherProgram(batched, designs)
-    rows = np.repeat(np.asarray(problem.space.reference)[None], designs, axis=0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", CellRangeWarning)  # it is among the remarks
-        kept = program(batched, rows, other.pressures, about=problem.about, options=QUICKLY)
-    return OtherProgram(kept, designs)
-
-
-def other_program(problem: Problem, designs: int) -> OtherProgram | None:
-    """What `by_other_drive` needs for up to so many designs: a command has it compiled while it searches. None where
-    there is none."""
-    other = _other_drive(problem)
-    return None if other is None else _other_program(problem, other, designs)
+    kept = traced_once(jax.vmap(other_values, in_axes=(0, None)))
+    if problem.about:
+        rows = np.repeat(np.asarray(problem.space.reference)[None], designs, axis=0)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CellRangeWarning)  # it is among the remarks
+            kept = program(kept, rows, given, about=problem.about, options=QUICKLY)
+    return OtherDrive(others, asked, given, kept, designs)
 
 
-def by_other_drive(problem: Problem, x: Sequence[Any], made: OtherProgram | None = None) -> Beside | None:
+def by_other_drive(problem: Problem, x: Sequence[Any], other: OtherDrive | None = None) -> Beside | None:
     """The quantities of a problem's fingers by their other drive, at SI values of designs: the start, the best one, and
     others; None where there are none, and where the problem has both drives already.
 
-    made: by `other_program`, for as many designs or more; by itself for those that there are.
+    other: `other_drive` for as many designs or more; for those that there are by itself.
     """
-    other = _other_drive(problem)
+    other = other or other_drive(problem, len(x))
     if other is None:
         return None
     scenes, others, asked_set, given = problem.space.scenes, other.scenes, other.asked, other.pressures
-    made = made or _other_program(problem, other, len(x))
-    rows = np.stack([*x, *[x[-1]] * (made.designs - len(x))])
+    rows = np.stack([*x, *[x[-1]] * (other.designs - len(x))])
 
     def at(pressures: np.ndarray) -> Observed:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", CellRangeWarning)
-            return jax.tree.map(lambda v: np.asarray(v)[: len(x)], made.program(rows, pressures))
+            return jax.tree.map(lambda v: np.asarray(v)[: len(x)], other.program(rows, pressures))
 
     found = at(given)
     shared = shared_pressures(given, found)

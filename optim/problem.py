@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, is_used, program
+from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, program
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once
@@ -537,13 +537,13 @@ class Problem:
         return self._programs[key]
 
     def prepare(self, chunk: int, nearby: int) -> None:
-        """Have a command's programs for batches of `solved` and of `solved_nearby` made: the one is compiled while the
-        other is traced."""
-        if not (self.about and is_used()):
-            return
+        """Have the programs for batches of `solved` and of `solved_nearby` made, where a command keeps them: the one is
+        compiled while the other is traced."""
         t = np.zeros((chunk, self.space.size))
-        whole = self._made(self.solve, QUICKLY, t)
-        known = jax.eval_shape(self.known, t, whole.shapes.solutions)
+        found = getattr(self._made(self.solve, QUICKLY, t), "shapes", None)
+        if found is None:
+            return
+        known = jax.eval_shape(self.known, t, found.solutions)
         t, known = jax.tree.map(lambda v: np.zeros((nearby, *v.shape[1:]), v.dtype), (t, known))
         self._made(self.solve_nearby, SIDE_BY_SIDE, t, known)
 

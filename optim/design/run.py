@@ -34,7 +34,7 @@ from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 
 from .. import rules
-from ..drives import OtherProgram, beyond_law, by_other_drive, other_program
+from ..drives import OtherDrive, beyond_law, by_other_drive, other_drive
 from ..problem import Goal, Problem
 from ..records import (
     agreed,
@@ -284,7 +284,7 @@ def _sense(problem: Problem) -> tuple[int, str]:
 
 def _search_with_progress(
     wanted: settings.Settings, console: Console, evaluator: Any
-) -> tuple[SearchResult, OtherProgram | None]:
+) -> tuple[SearchResult, OtherDrive | None]:
     """The search, and what tells of its designs by the other drive, which is compiled at the same time."""
     steps, starts = wanted.arguments["steps"], wanted.arguments["starts"]
 
@@ -308,11 +308,11 @@ def _search_with_progress(
         def show(step: int, best: float, feasible: int, moving: int) -> None:
             count(step if moving else steps, words(best, feasible, moving))
 
-        other = other_program(wanted.problem, 1 + SHOWN)
+        other = other_drive(wanted.problem, 1 + SHOWN)
         return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments), other
 
 
-def report(result: SearchResult, console: Console, of_other: OtherProgram | None = None) -> None:
+def report(result: SearchResult, console: Console, of_other: OtherDrive | None = None) -> None:
     """The start and the best distinct designs, side by side. of_other: for `by_other_drive`."""
     problem, shown = result.problem, [result.reference, *result.designs[:SHOWN]]
     table = Table(title=f"the best of {len(result.designs)} distinct designs", title_justify="left")

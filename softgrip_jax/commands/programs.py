@@ -8,10 +8,9 @@ import hashlib
 import os
 import pickle
 import sys
-import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -127,7 +126,8 @@ def program(
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
             write_whole(file, content)
-    compiled = _beside(lambda: jax.jit(exported.call, compiler_options=quickly).lower(*arrays).compile())
+    in_jax = jax.jit(exported.call, compiler_options=quickly)
+    compiled = ThreadPoolExecutor(1).submit(lambda: in_jax.lower(*arrays).compile())
 
     def run(*args):
         called = _waited_for(compiled)
@@ -138,20 +138,6 @@ def program(
 
     run.shapes = jax.tree.unflatten(out, exported.out_avals)  # type: ignore[attr-defined]
     return run
-
-
-def _beside(function: Callable[[], Any]) -> Future[Any]:
-    """What a function gives, from a thread that nobody waits for at the end of the process."""
-    found: Future[Any] = Future()
-
-    def work():
-        try:
-            found.set_result(function())
-        except BaseException as error:  # it is raised where the result is asked for
-            found.set_exception(error)
-
-    threading.Thread(target=work, name="softgrip compile", daemon=True).start()
-    return found
 
 
 def _waited_for(found: Future[Any]) -> Any:

@@ -70,7 +70,7 @@ def test_every_lane_has_its_own_context():
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(together, numbers), 5 * numbers, rtol=1e-12)
 
 
-def times_traced(batched, through):
+def times_traced(batched):
     """How often a loop's body is traced for one answer, or for a batch, of a function that is compiled by itself."""
     traced = []
 
@@ -81,14 +81,14 @@ def times_traced(batched, through):
     def added(step):
         return lane_pool(lambda state: state < 10, iterate, 0.0 * step, step)
 
-    function = through(added)
+    function = traced_once(added)
     jax.jit(jax.vmap(function) if batched else function)(jnp.array([1.0, 3.0]) if batched else 1.0)
     return len(traced)
 
 
 def test_a_loop_is_traced_once_for_one_member_and_for_many():
-    assert times_traced(False, traced_once) == 1
-    assert times_traced(True, traced_once) == 1
+    assert times_traced(False) == 1
+    assert times_traced(True) == 1
 
 
 @pytest.mark.parametrize("taken", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])

@@ -1,5 +1,7 @@
 """Goals and limits: the quantities are those of the library, their slopes are right, and failure leads back."""
 
+import copy
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from helpers import ROD, shell
 import softgrip_jax as sg
 from optim.problem import NEAR_LIMIT, Goal, Limits, Problem, Quantity, Scaling
 from optim.space import Space, Variable
+from softgrip_jax.commands import programs
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 
@@ -258,3 +261,16 @@ def test_what_is_not_known_keeps_no_constraint():
     assert float(found.shortfall[0]) > 0
     assert float(slopes.shortfall[0, 0]) < 0, "the way back is towards the start"
     assert float(found.shortfall[1]) == 0
+
+
+def test_where_jax_keeps_no_programs_none_are_prepared(problem, tmp_path, monkeypatch):
+    """JAX_ENABLE_COMPILATION_CACHE=0: the search then compiles what it needs when it needs it."""
+    monkeypatch.setattr(programs, "_folder", tmp_path)
+    alone = copy.copy(problem)
+    alone.about, alone._programs = "this test", {}
+    jax.config.update("jax_enable_compilation_cache", False)
+    try:
+        alone.prepare(4, 8)
+    finally:
+        jax.config.update("jax_enable_compilation_cache", True)
+    assert list(tmp_path.iterdir()) == []

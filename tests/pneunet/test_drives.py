@@ -15,7 +15,7 @@ import softgrip_jax as sg
 from optim.calibration.drives import Rival
 from optim.design import settings
 from optim.design.descent import Evaluator
-from optim.drives import BELOW_LIMIT, SUFFIX, by_both_drives, by_other_drive, other_program
+from optim.drives import BELOW_LIMIT, SUFFIX, by_both_drives, by_other_drive, other_drive
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -117,7 +117,7 @@ def problem():
 
 @pytest.mark.slow
 def test_designs_are_reported_by_the_other_drive(problem):
-    made = other_program(problem, 3)  # as a command has it made before it knows how many there are
+    made = other_drive(problem, 3)  # as a command has it made before it knows how many there are
     beside = by_other_drive(problem, [np.array([5 * mm]), np.array([4.5 * mm])], made)
     assert [label for label, _ in beside.rows(problem)] == [
         "tip_force at 15 kPa, drive cell",
@@ -149,7 +149,7 @@ def test_designs_without_a_state_are_compared_at_a_lower_pressure():
     space = Space({"held": held(points=16)}, [Variable("finger.H", 3 * mm, 6 * mm)])
     force = Quantity("tip_force", 31 * kPa, "held")
     problem = Problem(space, [Goal("maximise", force)])
-    beside = by_other_drive(problem, [np.array([5 * mm]), np.array([3.9 * mm])], other_program(problem, 4))
+    beside = by_other_drive(problem, [np.array([5 * mm]), np.array([3.9 * mm])], other_drive(problem, 4))
     quantity, drive, values = beside.compared(force)
     assert (quantity.observable, drive) == ("tip_force", "cell")
     assert np.isfinite(values).all()

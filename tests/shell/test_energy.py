@@ -238,8 +238,14 @@ def test_a_small_object_that_was_passed_is_not_converged():
         assert np.isnan(passed.force)
         height = float(passed.scene.functional.passed(passed.unknowns, passed.scene) * 16)
         assert 0.01 * 1.1 < height < 2.01  # not deeper in the ball than its radius, mm
-    # What presses is not passed, nor what is not reached; planes and balls of any size are one program each.
-    for touched in (Sphere(20 * mm, 5 * mm), Plane(5 * mm), Plane(50 * mm)):
+
+
+@pytest.mark.parametrize(
+    "kind", [Sphere(20 * mm, 5 * mm), Plane(5 * mm), pytest.param(Cylinder(3 * mm, 3 * mm), marks=pytest.mark.slow)]
+)
+def test_what_presses_or_is_not_reached_is_not_passed(kind):
+    far = [Plane(50 * mm)] if isinstance(kind, Plane) else []
+    for touched in (kind, *far):
         solution = sg.solve(small(touched), 12 * kPa)
         assert int(solution.status) in (Status.OK, Status.NO_CONTACT)
         assert float(solution.scene.functional.passed(solution.unknowns, solution.scene)) == 0
