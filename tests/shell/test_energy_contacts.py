@@ -125,7 +125,7 @@ def test_a_flat_contact_reaches_to_where_the_membrane_leaves_the_plane():
         for axis, half in enumerate((found.contact_half_width, found.contact_half_length)):
             points = np.zeros((401, 2))
             points[:, axis] = np.linspace(0, 1, 401)
-            e = found.scene.functional.deformed(found.unknowns, at_points(found.scene.grid, points))
+            e = found.scene.functional.deformed_at(found.unknowns, at_points(found.scene.grid, points))
             faces = 16 * mm * jax.vmap(lambda e, at: local(e, at, aspect).face(wall))(e, jnp.asarray(points))
             reach = np.max(np.asarray(faces)[np.asarray(faces[:, 2]) > 5 * mm - 0.044 * mm, axis])
             assert float(half) == pytest.approx(reach, rel=0.06)

@@ -15,6 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
+from .grid_sums import Patch
+
 Vector = Float[Array, " n"]
 
 SPARE_POINTS = 3
@@ -47,13 +49,13 @@ ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 
 
 class Tables(NamedTuple):
-    """Polynomials at points."""
+    """Polynomials at grids of points, one grid after the other."""
 
     points: Float[np.ndarray, "q 2"]
     """(xi, eta)."""
     weights: Float[np.ndarray, " q"]
     """Their sum is 4, the area of the square from -1 to 1."""
-    values: Values
+    patches: tuple[Patch, ...]
 
 
 def polynomials(degrees: list[int], x: np.ndarray) -> Float[np.ndarray, "k 3 n"]:
@@ -80,20 +82,13 @@ def _degrees(n: int, even: bool, symmetric: bool) -> list[int]:
     return [2 * k + (2 if even else 3) for k in range(n)] if symmetric else [k + 2 for k in range(2 * n)]
 
 
-def lattice(grid: Grid, apart: int) -> tuple[list[np.ndarray], list[tuple[np.ndarray, np.ndarray]]]:
-    """(xi, eta) of a lattice over what is looked at, `apart` times as fine as the contact points; and of u, v, w the
-    values and slopes of the polynomials along both axes there, shape (polynomials, 3, points)."""
-    sides = []
-    for axis, count in enumerate((grid.across, grid.along)):
-        half = (np.arange(apart * CONTACT_POINTS * count) + 0.5) / (apart * CONTACT_POINTS * count)
-        sides.append(half if _is_even(grid, axis) else np.concatenate([-half[::-1], half]))
-    tables = []
-    for number, even in _kinds(grid):
-        x, y = (
-            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at) for axis, at in enumerate(sides)
-        )
-        tables.append((x, y))
-    return sides, tables
+def lattice(grid: Grid, apart: int) -> Tables:
+    """A lattice over what is looked at, `apart` times as fine as the contact points; its weights are even."""
+    halves = []
+    for count in (grid.across, grid.along):
+        number = apart * CONTACT_POINTS * count
+        halves.append(((np.arange(number) + 0.5) / number, np.full(number, 2 / number)))
+    return _product(grid, halves)
 
 
 def _kinds(grid: Grid) -> tuple[tuple[tuple[int, int], tuple[bool, bool]], ...]:
@@ -108,16 +103,24 @@ def counts(grid: Grid) -> tuple[int, int]:
 
 
 def at_points(grid: Grid, points: Any, orders: Sequence[tuple[int, int]] = ORDERS[:3]) -> Values:
-    """The tables' `values` at any points (xi, eta). u is odd across, v odd along, w even in both."""
+    """Each derivative of each polynomial of u, v, w at any points (xi, eta)."""
     xi, eta = np.asarray(points, dtype=float).T
-    found = []
-    for number, even in _kinds(grid):
-        x, y = (
-            polynomials(_degrees(number[axis], even[axis], _is_even(grid, axis)), at)
-            for axis, at in enumerate((xi, eta))
-        )
-        found.append(np.stack([(x[:, None, i] * y[None, :, j]).reshape(-1, len(xi)).T for i, j in orders]))
+    found = [
+        np.stack([(x[:, None, i] * y[None, :, j]).reshape(-1, len(xi)).T for i, j in orders])
+        for x, y in _sides(grid, xi, eta)
+    ]
     return found[0], found[1], found[2]
+
+
+def _sides(grid: Grid, xi: np.ndarray, eta: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+    """Of u, v, w: the polynomials along both axes, there. u is odd across, v odd along, w even in both."""
+    return tuple(
+        (
+            polynomials(_degrees(number[0], even[0], _is_even(grid, 0)), xi),
+            polynomials(_degrees(number[1], even[1], _is_even(grid, 1)), eta),
+        )
+        for number, even in _kinds(grid)
+    )
 
 
 def _product(grid: Grid, rules: Sequence[Rule], orders: Sequence[tuple[int, int]] = ORDERS[:3]) -> Tables:
@@ -128,7 +131,7 @@ def _product(grid: Grid, rules: Sequence[Rule], orders: Sequence[tuple[int, int]
         sides.append((x, weights) if _is_even(grid, axis) else both)
     (x, wx), (y, wy) = sides
     points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    return Tables(points, np.outer(wx, wy).ravel(), at_points(grid, points, orders))
+    return Tables(points, np.outer(wx, wy).ravel(), (Patch(_sides(grid, x, y), tuple(orders)),))
 
 
 def _gauss(n: int) -> Rule:
@@ -162,9 +165,8 @@ def clamp_tables(grid: Grid) -> Tables:
     edge = np.ones(1), 2 * np.ones(1)
     across, along = _sheet_points(grid)
     long, short = _product(grid, (edge, along), ORDERS[1:2]), _product(grid, (across, edge), ORDERS[2:3])
-    u, v, w = (np.concatenate(pair, axis=1) for pair in zip(long.values, short.values, strict=True))
     points, weights = (np.concatenate(pair) for pair in zip(long[:2], short[:2], strict=True))
-    return Tables(points, weights, (u, v, w))
+    return Tables(points, weights, long.patches + short.patches)
 
 
 def contact_axes(grid: Grid) -> tuple[Rule, Rule]:

@@ -14,6 +14,7 @@ W is a function of tr C and det C, both polynomials in F, so the sheet's second 
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -23,7 +24,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .basis import (
-    ORDERS,
     Grid,
     Tables,
     Values,
@@ -34,12 +34,11 @@ from .basis import (
     lattice,
     quadrature,
 )
-from .sheet import bending, bending_measures, chained_bending, clamping, local, stretching
+from .grid_sums import Pairs, Patch, assembled, at_grid, weighted
+from .sheet import bending, bending_measures, chained_bending, chained_face, clamping, local, stretching
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
-Entries = dict[tuple[int, int, int, int], Array]
-"""(i, r, j, s) -> at each point, the second derivative by derivative r of component i and s of j, i <= j."""
 
 LEAST_PRESSURE = 1e-3
 """This is added to p a / (mu t_m) in rho, which must not vanish with the pressure."""
@@ -78,7 +77,7 @@ class Functional:
         self.grid = grid
         self.inside, self.bent, self.clamps = quadrature(grid), bending_tables(grid), clamp_tables(grid)
         self.touching = contact_tables(grid)
-        self.sizes = [values.shape[-1] for values in self.inside.values]
+        self.sizes = [len(x) * len(y) for x, y in self.inside.patches[0].sides]
         self.size = sum(self.sizes)
         self.equations = jax.custom_jvp(self._equations)
         self.equations.defjvp(self._equations_jvp)
@@ -93,34 +92,19 @@ class Functional:
         u, v = self.sizes[0], self.sizes[0] + self.sizes[1]
         return [y[:u], y[u:v], y[v : self.size]]
 
-    def deformed(self, y: Vector, values: Values | None = None) -> Float[Array, "q 3 r"]:
-        """The derivatives e of (u, v, w) at the quadrature points, or at those that tables `values` were made for."""
-        values = self.inside.values if values is None else values
+    def deformed(self, y: Vector, tables: Tables | None = None) -> Float[Array, "q 3 r"]:
+        """The derivatives e of (u, v, w) at the points of tables, by themselves the quadrature points."""
+        patches = (self.inside if tables is None else tables).patches
+        return jnp.concatenate([at_grid(self.parts(y), patch) for patch in patches])
+
+    def deformed_at(self, y: Vector, values: Values) -> Float[Array, "q 3 r"]:
+        """The same at any points, from the polynomials there (`basis.at_points`)."""
         pairs = zip(values, self.parts(y), strict=True)
         return jnp.stack([jnp.stack([b[r] @ c for r in range(b.shape[0])], axis=1) for b, c in pairs], axis=1)
 
     def height_of_first(self) -> float:
         """w / a in the middle for a coefficient of 1 of the first polynomial of w."""
         return float(at_points(self.grid, [(0.0, 0.0)])[2][0, 0, 0])
-
-    def _weighted(self, slopes: Float[Array, "q 3 r"], values: Values) -> Float[Array, " size"]:
-        """Sum over points of slopes by e times the tables: slopes by y."""
-        return jnp.concatenate([sum(slopes[:, c, r] @ b[r] for r in range(b.shape[0])) for c, b in enumerate(values)])  # type: ignore[arg-type]
-
-    def _assembled(self, entries: Entries, values: Values) -> Float[Array, "size size"]:
-        """Sum of B^T D B: for each pair of components one product of matrices over points and derivatives."""
-        blocks: dict[tuple[int, int], Array] = {}
-        for i in range(3):
-            for j in range(i, 3):
-                rows = sorted({key[1] for key in entries if (key[0], key[2]) == (i, j)})
-                columns = sorted({key[3] for key in entries if (key[0], key[2]) == (i, j)})
-                halves = [
-                    sum(entries[i, r, j, s][:, None] * values[j][s] for s in columns if (i, r, j, s) in entries)
-                    for r in rows
-                ]
-                blocks[i, j] = np.concatenate([values[i][r] for r in rows]).T @ jnp.concatenate(halves)  # type: ignore
-                blocks[j, i] = blocks[i, j].T
-        return jnp.concatenate([jnp.concatenate([blocks[i, j] for j in range(3)], axis=1) for i in range(3)])
 
     # --- the energy ---------------------------------------------------------------------------------------------------
 
@@ -140,63 +124,69 @@ class Functional:
         """Energy in mu t_m a^2; load: p a / (mu t_m)."""
         found = jnp.zeros_like(load)
         for density, tables, weights in self.terms(scene):
-            e = self.deformed(y, tables.values)
+            e = self.deformed(y, tables)
             found += weights @ jax.vmap(density, in_axes=(0, 0, None, None))(e, tables.points, scene, load)
         return found
 
     def _expand(self, y: Vector, scene: Any, load: Scalar) -> Expanded:
-        own = {_sheet: self._expanded_sheet, _bending: self._expanded_bending}
+        own = {_sheet: self._expanded_sheet, _bending: self._expanded_bending, _contact: self._expanded_contact}
         parts = [own.get(term.density, self._expanded)(term, y, scene, load) for term in self.terms(scene)]
         return jax.tree.map(lambda *values: functools.reduce(jnp.add, values), *parts)
 
     def _expanded_sheet(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
-        sheet, values = _Sheet(self.deformed(y), scene, load, term.weights), term.tables.values
-        gradient, hessian = self._weighted(sheet.slopes(), values), self._assembled(sheet.curvatures(), values)
-        return Expanded(sheet.value(), gradient, hessian, -self._weighted(sheet.lifts(), values))
+        sheet, tables = _Sheet(self.deformed(y), scene, load, term.weights), term.tables
+        gradient, hessian = _weighted(sheet.slopes(), tables), _assembled(*sheet.curvatures(), tables)
+        return Expanded(sheet.value(), gradient, hessian, -_weighted(sheet.lifts(), tables))
 
     def _expanded_bending(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
-        shell, values = scene.shell, term.tables.values
+        shell, weights = scene.shell, term.weights
         thickness, aspect, mu = shell.t_m / shell.a, shell.a / shell.b, shell.material.shear_modulus()
-        e = self.deformed(y, values)
+        e = self.deformed(y, term.tables)
 
         def energy(measures):
             return bending(measures, thickness, shell.material.sheet_energy) / mu
 
         measures = jax.vmap(bending_measures, in_axes=(0, None))(e, aspect)
         value, by, curved = jax.vmap(_expansion(energy))(measures)
-        slopes, curvatures = jax.vmap(chained_bending, in_axes=(0, None, 0, 0))(e, aspect, by, curved)
-        weights = term.weights
-        return Expanded(
-            weights @ value,
-            self._weighted(weights[:, None, None] * slopes, values),
-            _gathered(weights[:, None, None, None, None] * curvatures, values),
-            jnp.zeros_like(y),
+        chained = jax.vmap(chained_bending, in_axes=(0, None, 0, 0), out_axes=(0, -1))
+        slopes, curvatures = chained(e, aspect, weights[:, None] * by, weights[:, None, None] * curved)
+        gradient, hessian = _weighted(slopes, term.tables), _assembled(*_of_all_pairs(curvatures), term.tables)
+        return Expanded(weights @ value, gradient, hessian, jnp.zeros_like(y))
+
+    def _expanded_contact(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
+        shell, weights, stiffness = scene.shell, term.weights, rho(load)
+        thickness, aspect = shell.t_m / shell.a, shell.a / shell.b
+        at = jax.vmap(local, in_axes=(0, 0, None))(
+            self.deformed(y, term.tables), jnp.asarray(term.tables.points), aspect
         )
+
+        def energy(face):
+            return _pressed(stiffness, scene.body.distance(shell.a * face) / shell.a)
+
+        faces = jax.vmap(lambda at: at.face(thickness))(at)
+        value, by, curved = jax.vmap(_expansion(energy))(faces)
+        chained = jax.vmap(chained_face, in_axes=(0, None, None, 0, 0), out_axes=(0, -1))
+        by, curved = weights[:, None] * by, weights[:, None, None] * curved
+        slopes, curvatures = chained(at, aspect, thickness, by, curved)
+        gradient, hessian = _weighted(slopes, term.tables), _assembled(*_of_all_pairs(curvatures), term.tables)
+        return Expanded(weights @ value, gradient, hessian, RHO / stiffness * gradient)
 
     def _expanded(self, term: Term, y: Vector, scene: Any, load: Scalar) -> Expanded:
         density, tables, weights = term
+        e = self.deformed(y, tables)
 
-        e = self.deformed(y, tables.values)
+        def at_point(e, point):
+            def energy(both):
+                return density(jnp.reshape(both[:-1], e.shape), point, scene, both[-1])
 
-        def at_points(e, load):
-            return jax.vmap(density, in_axes=(0, 0, None, None))(e, tables.points, scene, load)
+            return _expansion(energy)(jnp.append(e, load))
 
-        def slopes(e, load):
-            return jax.grad(lambda e: weights @ at_points(e, load))(e)
-
-        # One direction after the other: XLA would compute all of them anew wherever one is used.
-        directions = jnp.eye(e[0].size).reshape(-1, *e.shape[1:])
-        curved = jax.lax.map(
-            lambda along: jax.jvp(lambda e: slopes(e, load), (e,), (jnp.broadcast_to(along, e.shape),))[1], directions
-        )
-        curved = jnp.moveaxis(curved.reshape(e.shape[1:] + e.shape), 2, 0)
-        slope, by_load = jax.jvp(lambda load: slopes(e, load), (load,), (jnp.ones_like(load),))
-        return Expanded(
-            weights @ at_points(e, load),
-            self._weighted(slope, tables.values),
-            _gathered(curved, tables.values),
-            self._weighted(by_load, tables.values),
-        )
+        value, by, curved = jax.vmap(at_point)(e, jnp.asarray(tables.points))
+        by, by_load = (jnp.reshape(weights[:, None] * part[:, : e[0].size], e.shape) for part in (by, curved[:, :, -1]))
+        curved = (weights[:, None, None] * curved)[:, : e[0].size, : e[0].size]
+        curved = jnp.moveaxis(jnp.reshape(curved, (-1, *2 * e.shape[1:])), 0, -1)
+        hessian = _assembled(*_of_all_pairs(curved), tables)
+        return Expanded(weights @ value, _weighted(by, tables), hessian, _weighted(by_load, tables))
 
     # --- contact ------------------------------------------------------------------------------------------------------
 
@@ -206,7 +196,7 @@ class Functional:
 
     def gaps(self, y: Vector, scene: Any) -> Float[Array, " k"]:
         """Signed distance of the outer face from the object at the contact points, in a."""
-        e = self.deformed(y, self.touching.values)
+        e = self.deformed(y, self.touching)
         return jax.vmap(_gap, in_axes=(0, 0, None))(e, self.touching.points, scene)
 
     def contact_pressures(self, y: Vector, scene: Any, load: Scalar) -> Float[Array, " k"]:
@@ -223,12 +213,7 @@ class Functional:
         The columns stand on the plane of the clamp, on a lattice finer than the contact points, and go up to the outer
         face. They are walked along by the distance itself, so that no thick part of the object is missed.
         """
-        shell, (xi, eta), tables = scene.shell, *lattice(self.grid, BETWEEN)
-        points = np.stack(np.meshgrid(xi, eta, indexing="ij"), axis=-1).reshape(-1, 2)
-        e = []
-        for (x, along), part in zip(tables, self.parts(y), strict=True):
-            of = part.reshape(len(x), len(along))
-            e.append(jnp.stack([(x[:, i].T @ of @ along[:, j]).reshape(-1) for i, j in ORDERS[:3]], axis=1))
+        shell, tables = scene.shell, lattice(self.grid, BETWEEN)
 
         def at(e, point):
             face = local(e, point, shell.a / shell.b).face(shell.t_m / shell.a)
@@ -246,7 +231,7 @@ class Functional:
             _, least = jax.lax.fori_loop(0, COLUMN_STEPS, walk, (ground, jnp.full_like(ground, jnp.inf)))
             return jnp.where(distance(face[2]) >= 0, -least, 0.0)
 
-        return jnp.maximum(0.0, jnp.max(jax.vmap(at)(jnp.stack(e, axis=1), points)))
+        return jnp.maximum(0.0, jnp.max(jax.vmap(at)(self.deformed(y, tables), tables.points)))
 
     # --- equilibrium --------------------------------------------------------------------------------------------------
 
@@ -254,9 +239,9 @@ class Functional:
         """dPi/dy."""
         found = jnp.zeros_like(y)
         for density, tables, weights in self.terms(scene):
-            e = self.deformed(y, tables.values)
+            e = self.deformed(y, tables)
             slopes = jax.vmap(jax.grad(density), in_axes=(0, 0, None, None))(e, tables.points, scene, load)
-            found += self._weighted(slopes * weights[:, None, None], tables.values)
+            found += _weighted(slopes * weights[:, None, None], tables)
         return found
 
     def _equations_jvp(self, primals: Any, tangents: Any) -> tuple[Vector, Vector]:
@@ -269,17 +254,25 @@ class Functional:
         return self.expand(y, scene, load).hessian
 
 
-def _gathered(curved: Float[Array, "q 3 r 3 r"], values: Values) -> Float[Array, "size size"]:
-    """Sum over the points of B^T D B."""
-    blocks: dict[tuple[int, int], Array] = {}
-    for i in range(3):
-        for j in range(i, 3):
-            by_order = jnp.transpose(curved[:, i, :, j], (1, 2, 0))
-            halves = jnp.sum(by_order[..., None] * values[j][None], axis=1)
-            rows = values[i].reshape(-1, values[i].shape[-1])
-            blocks[i, j] = rows.T @ halves.reshape(len(rows), -1)
-            blocks[j, i] = blocks[i, j].T
-    return jnp.block([[blocks[i, j] for j in range(3)] for i in range(3)])
+def _weighted(slopes: Float[Array, "q 3 r"], tables: Tables) -> Vector:
+    """Sum over the points of slopes by e: slopes by y."""
+    return functools.reduce(jnp.add, [weighted(slopes[those], patch) for those, patch in _patches(tables)])
+
+
+def _assembled(found: Pairs, curved: Float[Array, "p q"], tables: Tables) -> Float[Array, "size size"]:
+    """Sum over the points of curvatures by e: the Hessian by y."""
+    return functools.reduce(jnp.add, [assembled(found, curved[:, those], patch) for those, patch in _patches(tables)])
+
+
+def _patches(tables: Tables) -> list[tuple[slice, Patch]]:
+    """Each grid of the tables, and which of the points are its."""
+    ends = np.cumsum([0, *(patch.size for patch in tables.patches)])
+    return [(slice(*pair), patch) for pair, patch in zip(itertools.pairwise(ends), tables.patches, strict=True)]
+
+
+def _of_all_pairs(curved: Float[Array, "3 r 3 r q"]) -> tuple[Pairs, Float[Array, "p q"]]:
+    """The second derivatives by all pairs of e, as rows."""
+    return list(np.ndindex(curved.shape[:4])), jnp.reshape(curved, (-1, curved.shape[4]))
 
 
 def _expansion(function: Callable[[Vector], Scalar]) -> Callable[[Vector], tuple[Scalar, Vector, Float[Array, "n n"]]]:
@@ -335,7 +328,12 @@ def _contact(e: Float[Array, "3 3"], point: Float[Array, 2], scene: Any, load: S
     contact presses as much as the air. It lets polynomials, which are never quite flat, lie on an object over an area
     and not at single points.
     """
-    return 0.5 * rho(load) * jnp.maximum(0.0, -_gap(e, point, scene)) ** 2
+    return _pressed(rho(load), _gap(e, point, scene))
+
+
+def _pressed(stiffness: Scalar, gap: Scalar) -> Scalar:
+    """Energy of the layer, per flat area."""
+    return 0.5 * stiffness * jnp.maximum(0.0, -gap) ** 2
 
 
 def rho(load: Scalar) -> Scalar:
@@ -403,9 +401,9 @@ class _Sheet:
         rows = [jnp.stack([zero, elastic(c, 0), elastic(c, 1)], axis=1) for c in range(3)]
         return self.weights[:, None, None] * jnp.stack(rows, axis=1) - self.load * self.lifts()
 
-    def curvatures(self) -> Entries:
+    def curvatures(self) -> tuple[Pairs, Float[Array, "p q"]]:
         """By pairs of e, weighted."""
-        entries: Entries = {}
+        entries: dict[tuple[int, int, int, int], Array] = {}
         pushes = -self.load * self.weights
         for i in range(3):
             for j in range(i, 3):
@@ -417,7 +415,7 @@ class _Sheet:
                         entries[i, r + 1, j, s + 1] = self.scales[r] * self.scales[s] * found
                     if i < 2 and j == 2:
                         entries[i, r + 1, j, 0] = self.scales[r] * pushes * self.of_volume[r][i]
-        return entries
+        return list(entries), jnp.stack(list(entries.values()))
 
     def _elastic(self, i: int, r: int, j: int, s: int) -> Array:
         """By component i of the tangent r and component j of the tangent s."""

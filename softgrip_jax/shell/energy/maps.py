@@ -38,7 +38,7 @@ def _strains(scene: Any, e: Array, points: Any) -> tuple[Any, Array, Array]:
 def shape_observables(scene: Any, y: Vector) -> dict[str, Array]:
     """Height, stretches and slope of the membrane."""
     work = scene.functional
-    ends = work.deformed(y, at_points(scene.grid, [(0.0, 0.0), (1.0, 0.0)]))
+    ends = work.deformed_at(y, at_points(scene.grid, [(0.0, 0.0), (1.0, 0.0)]))
     top = local(ends[0], jnp.zeros(2), scene.shell.a / scene.shell.b)
     _, trace, determinant = _strains(scene, work.deformed(y), work.inside.points)
     larger = _larger(trace, determinant)
@@ -70,7 +70,7 @@ def contact_average(grid: Grid, points: Any) -> Float[np.ndarray, "p k"]:
 
 def places(scene: Any, y: Vector, points: Any) -> Float[Array, "m 3"]:
     """The middle surface at the points (xi, eta), in a."""
-    e = scene.functional.deformed(y, at_points(scene.grid, points))
+    e = scene.functional.deformed_at(y, at_points(scene.grid, points))
     return _strains(scene, e, points)[0].place
 
 
@@ -84,7 +84,7 @@ def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
         (0, ("x", "z"), np.stack([line, zero], axis=1)),
         (1, ("y", "z_length"), np.stack([zero, line], axis=1)),
     ):
-        e = scene.functional.deformed(unknowns, at_points(scene.grid, points))
+        e = scene.functional.deformed_at(unknowns, at_points(scene.grid, points))
         at = _strains(scene, e, points)[0]
         faces = jax.vmap(lambda at: at.face(shell.t_m / shell.a))(at)
         for name, component in zip(names, (axis, 2), strict=True):
@@ -99,7 +99,7 @@ def surface(scene: Any, unknowns: Vector, pressure: Array, n: int) -> dict[str, 
     line = np.linspace(-1, 1, n)
     points = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     shell = scene.shell
-    e = scene.functional.deformed(unknowns, at_points(scene.grid, points, ORDERS))
+    e = scene.functional.deformed_at(unknowns, at_points(scene.grid, points, ORDERS))
     at, trace, determinant = _strains(scene, e, points)
     larger = _larger(trace, determinant)
     maps = {

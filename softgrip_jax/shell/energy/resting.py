@@ -50,7 +50,7 @@ def resting_on(scene: Any, y: Vector, contact_pressures: Float[Array, " k"]) -> 
     def face(e, point):
         return shell.a * local(e, point, aspect).face(thickness)
 
-    places = jax.vmap(face)(scene.functional.deformed(y, table.values), table.points)
+    places = jax.vmap(face)(scene.functional.deformed(y, table), table.points)
     pushes = contact_pressures * scene.functional.contact_weights(scene) * scene.unit() * shell.a**2
     total = jnp.sum(pushes)
     return Resting(places, pushes, pushes / jnp.where(total > 0, total, 1.0))

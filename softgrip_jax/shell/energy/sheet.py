@@ -114,20 +114,43 @@ def chained_bending(
         along = [normal if k == m else none for m in range(3)]
         rows.append([jnp.cross(y, v), jnp.cross(v, x), *along])
     slopes = jnp.stack([jnp.stack(row, axis=-1) for row in rows]) * scales[None, None]
-
-    def crossed(v: Float[Array, 3]) -> Float[Array, "3 3"]:
-        """The matrix of i, j: sum over k of the permutation symbol (ijk) times v_k."""
-        return jnp.asarray(PERMUTATION) @ v
-
     c11, c12, c22 = (part * np.eye(3) for part in by[:3])
-    turned = crossed(sum(part * v for part, v in zip(by[3:], second, strict=True)))
-    from_x, from_y = [-part * crossed(y) for part in by[3:]], [part * crossed(x) for part in by[3:]]
+    turned = _crossed(sum(part * v for part, v in zip(by[3:], second, strict=True)))
+    from_x, from_y = [-part * _crossed(y) for part in by[3:]], [part * _crossed(x) for part in by[3:]]
     zero = jnp.zeros_like(c11)
     blocks = [[2 * c11, c12 + turned, *from_x], [c12 - turned, 2 * c22, *from_y]]
     blocks += [[-from_x[k], -from_y[k], zero, zero, zero] for k in range(3)]
     own = jnp.stack([jnp.stack(row) for row in blocks]) * jnp.outer(scales, scales)[..., None, None]
     second_order = jnp.einsum("kim,kl,ljn->imjn", slopes, curved, slopes) + jnp.transpose(own, (2, 0, 3, 1))
     return jnp.einsum("k,kim->im", by, slopes), second_order
+
+
+def chained_face(
+    at: Local, aspect: Scalar, thickness: Scalar, by: Float[Array, 3], curved: Float[Array, "3 3"]
+) -> tuple[Float[Array, "3 3"], Float[Array, "3 3 3 3"]]:
+    """First and second derivatives, by e (the displacement and its slopes), of a function of the outer face's place
+    whose derivatives by that place are `by` and `curved`.
+
+    The face is at x + (t_m / 2) m / (m . m) with m = X x Y. With G = (I - 2 n n^T) / (m . m), n = m / |m|, its
+    derivative by m is G t_m / 2; those of m by X and Y are the matrices of v -> v x Y and of v -> X x v.
+    """
+    half, square, m = 0.5 * thickness, at.determinant, at.normal
+    turned = half / square * (jnp.eye(3) - 2 / square * jnp.outer(m, m))
+    by_m, along = turned @ by, by @ m
+    mixed = jnp.outer(by, m)
+    of_place = 8 / square * along * jnp.outer(m, m) - 2 * (mixed + mixed.T + along * jnp.eye(3))
+    twice = turned @ curved @ turned + half / square**2 * of_place
+    by_x, by_y = _crossed(at.along_y), -aspect * _crossed(at.along_x)
+    slopes = jnp.stack([by, by_m @ by_x, by_m @ by_y], axis=1)
+    place_m = curved @ turned
+    x, y, xy = place_m @ by_x, place_m @ by_y, by_x.T @ twice @ by_y + aspect * _crossed(by_m)
+    blocks = [[curved, x, y], [x.T, by_x.T @ twice @ by_x, xy], [y.T, xy.T, by_y.T @ twice @ by_y]]
+    return slopes, jnp.transpose(jnp.stack([jnp.stack(row) for row in blocks]), (2, 0, 3, 1))
+
+
+def _crossed(v: Float[Array, 3]) -> Float[Array, "3 3"]:
+    """The matrix of i, j: sum over k of the permutation symbol (ijk) times v_k."""
+    return jnp.asarray(PERMUTATION) @ v
 
 
 FLAT = np.concatenate([np.eye(3, 2), np.zeros((3, 3))], axis=1)
