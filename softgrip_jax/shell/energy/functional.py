@@ -8,7 +8,8 @@ plus the energies of bending, of the clamped edges and of contact. Each is a den
 that of the middle surface (plane stress, incompressible), the volume under it is the integral of w (F11 F22 - F12 F21).
 
 W is a function of tr C and det C, both polynomials in F, so the sheet's second derivatives at a point are written out
-(D). The other terms are left to JAX. The Hessian is the sum of B^T D B over the points, with the constant tables B.
+(D); those of bending and contact are chained from what JAX finds by fewer numbers. The Hessian is the sum of B^T D B
+over the points, with the polynomials B, one axis after the other (`grid_sums`).
 """
 
 from __future__ import annotations
