@@ -4,6 +4,7 @@ Each checks what it is given outside of jit, and hands it to one compiled progra
 
 from __future__ import annotations
 
+import numbers
 from functools import partial
 from typing import Any
 
@@ -85,7 +86,8 @@ def solve(scene: Scene, pressure: Any, *, solver: Any = None, guess: Any = None)
     """The equilibrium of a scene at a pressure.
 
     The unknowns u solve r(u; scene, p) = 0 on the branch that is connected to zero load. Their derivatives follow from
-    the implicit function theorem, du = -(dr/du)^-1 dr, forward and in reverse and of any order.
+    the implicit function theorem, du = -(dr/du)^-1 dr, forward and in reverse and of any order. Inside of `lax.map` or
+    `lax.scan` second derivatives by reverse mode need `jax.checkpoint` around what is repeated (docs/hard-cases.md).
 
     Args:
         scene: what to solve; any float leaf of it may be traced, or batched by vmap.
@@ -183,13 +185,13 @@ def branch(scene: Scene, n: int = 200) -> Solution:
 
     Args:
         scene: what to solve.
-        n: number of points, dimensionless.
+        n: number of points, 2 or more, dimensionless.
 
     Returns:
         A `Solution` whose leaves have a first axis of n.
 
     Raises:
-        InputError: where the scene cannot be meant (outside of jit).
+        InputError: where the scene (outside of jit) or n cannot be meant.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -198,6 +200,8 @@ def branch(scene: Scene, n: int = 200) -> Solution:
         True
     """
     scene = _checked(scene)
+    if isinstance(n, bool) or not isinstance(n, numbers.Integral) or n < 2:
+        raise InputError(f"n is {n!r}; it must be a whole number, 2 or more.")
     return _branch(scene, n)
 
 

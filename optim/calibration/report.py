@@ -89,7 +89,8 @@ def examine(
     held, correlated = _on_bounds(fit), _correlated(fit, directions)
     remarks += [*held, *_misfit(fit), *correlated, *_spread(fit, specimens)]
     remarks += [direction.sentence() for direction in directions]
-    if not (directions or held or correlated):
+    open_ended = any(not np.all(np.isfinite([one.low, one.high])) for one in found)
+    if not (directions or held or correlated or open_ended):
         remarks.append(
             "The data determine every parameter." if fit.fitting.space.size > 1 else "The data determine the parameter."
         )

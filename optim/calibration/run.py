@@ -16,7 +16,6 @@ import csv
 import dataclasses
 import json
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,6 @@ from ..records import as_given, summary, versions
 from ..tension.run import run_tension
 from ..tension.test import material_of
 from . import settings
-from .data import Curve
 from .drives import Rival
 from .fit import Fit, calibrate
 from .points import points_of
@@ -100,16 +98,19 @@ def run_calibrate(
 
             tell_and_keep(folder, console, tell_all)
             write_report(folder, final.name)
-    command = _next_command(final / "calibrated.toml", read, wanted.fitting.curves)
+    command = _next_command(final / "calibrated.toml", read, findings.fit)
     console.print(summary("fit", final, command), soft_wrap=True)
     if findings.stopped or writing.asked:
         raise KeyboardInterrupt
     return final
 
 
-def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> str:
-    """Solve the calibrated scene of the first curve: for its own task, or at the largest pressure that was measured."""
-    curve = next((curve for curve in curves if curve.model in read.scenes), None)
+def _next_command(file: Path, read: configs.Config, fit: Fit) -> str:
+    """Solve the calibrated scene of the first curve: for its own task, or at the largest pressure that was measured and
+    that the model reaches."""
+    number, curve = next(
+        ((k, curve) for k, curve in enumerate(fit.fitting.curves) if curve.model in read.scenes), (0, None)
+    )
     name = next(iter(read.scenes)) if curve is None else curve.model
     words = ["softgrip", "solve", str(file)] + (["--scene", name] if len(read.scenes) > 1 else [])
     try:
@@ -118,7 +119,9 @@ def _next_command(file: Path, read: configs.Config, curves: Sequence[Curve]) -> 
         if curve is None:
             words[1] = "path"
         else:
-            words += ["--pressure-kPa", f"{curve.x.max() / DISPLAY['pressure'][1]:.6g}"]
+            used = fit.fitting.x[fit.used & (fit.fitting.of_curve == number)]
+            largest = np.max(used) if len(used) else curve.x.max()
+            words += ["--pressure-kPa", f"{largest / DISPLAY['pressure'][1]:.6g}"]
     return shlex.join(words)
 
 

@@ -152,7 +152,12 @@ def _report(scene: Any, told: dict[str, Any], posterior: Path, console: Console)
     for name in told["observables"]:
         known = model_error(scene, name)
         if known:
-            console.print(f"{name.replace('_', ' ')}: {known}.", soft_wrap=True, highlight=False)
+            console.print(
+                f"{name.replace('_', ' ')}: {known}, with numbers as they are; those of a calibration make up for part "
+                "of that.",
+                soft_wrap=True,
+                highlight=False,
+            )
     if isinstance(scene, FingerScene):
         for sentence in remarks(scene):
             console.print(sentence, soft_wrap=True, markup=False, highlight=False)

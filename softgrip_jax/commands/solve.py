@@ -5,6 +5,7 @@ Reads the scene of a config and what [solve] asks; prints the state, for people 
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 import warnings
@@ -68,7 +69,11 @@ def run_solve(
             typer.echo(choice)
         for name, near in verified.items() if choice is None else ():
             typer.echo(f"{name.replace('_', ' ')}: {near}")
-    other, beside = with_other_drive(solution.scene), None
+    # What was chosen for a tolerance holds for the drive that was asked for: the other one is solved as it stands.
+    given = solution.scene
+    if choice is not None and hasattr(given, "drive"):
+        given = dataclasses.replace(read.scene, drive=given.drive)
+    other, beside = with_other_drive(given), None
     if other is not None and int(solution.status) == 0:
         with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'), warnings.catch_warnings():
             warnings.simplefilter("ignore", CellRangeWarning)  # said in words of our own

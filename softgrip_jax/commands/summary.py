@@ -85,6 +85,9 @@ def tell_quantities(data: xr.Dataset, parts: dict[str, float], console: Console)
 def _tell_best(
     data: xr.Dataset, rows: xr.Dataset, chosen: np.ndarray, allowed: int, console: Console
 ) -> list[dict[str, Any]]:
+    if not allowed:
+        console.print("No design may be chosen: none has a state that keeps what is asked.", soft_wrap=True)
+        return []
     names = [*varied_in(data), *quantities_of(data)]
     table = Table(title=f"The best of {allowed} designs that may be chosen", title_justify="left")
     for head in ("design", *(data[n].attrs["long_name"] if n in data.data_vars else n for n in names)):

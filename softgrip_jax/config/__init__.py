@@ -19,6 +19,7 @@ from .modules import read_numbers as read_numbers
 from .modules import shapes_of as shapes_of
 from .modules import to_table as to_table
 from .modules import type_name as type_name
+from .sentences import closest as closest
 from .sentences import pick as pick
 from .toml import Config as Config
 from .toml import dump as dump

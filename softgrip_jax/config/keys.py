@@ -112,7 +112,10 @@ def _leaves(scenes: Scenes, key: str, where: str) -> list[tuple[str, configs.Num
     if not found:
         if len(scenes) == 1:
             raise faults[0]
-        raise ConfigError(f"{where}: no scene has a number {key!r}; the scenes are {', '.join(scenes)}.")
+        allowed = [number for scene in scenes.values() for number in configs.number_keys(scene, zeros=True)]
+        meant = configs.closest(key, allowed)
+        hint = f"did you mean {meant}?" if meant else f"the scenes are {', '.join(scenes)}."
+        raise ConfigError(f"{where}: no scene has a number {key!r}; {hint}")
     return found
 
 

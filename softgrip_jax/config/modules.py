@@ -75,30 +75,34 @@ class NumberKey(NamedTuple):
 
 def leaf(scene: Scene, dotted: str, where: str) -> NumberKey:
     """The number of a scene that a dotted key with its unit names, for instance 'shell.a_mm'."""
-    *parents, last = dotted.split(".")
-    module: Any = scene
-    for parent in parents:
-        fields = [key.name for key in keys_of(type(module)).values() if isinstance(getattr(module, key.name), Checked)]
-        if parent not in fields:
-            raise ConfigError(f"{where}: {unknown(f'part {parent} in {dotted!r}', parent, fields)}")
-        module = getattr(module, parent)
-    numbers = {key.key: key for key in keys_of(type(module)).values() if _rule(key, module) is not None}
-    if last not in numbers:
-        raise ConfigError(f"{where}: {unknown(f'number {dotted!r}', last, numbers)}")
-    rule, kind = _rule(numbers[last], module) or ("", "")
-    return NumberKey((*parents, numbers[last].name), kind, rule)
+    found = _leaves(scene)
+    if dotted not in found:
+        raise ConfigError(f"{where}: {unknown(f'number {dotted!r}', dotted, found)}")
+    return found[dotted]
 
 
-def number_keys(module: Any) -> list[str]:
-    """The dotted keys of all numbers of a module that are not zero."""
-    keys: list[str] = []
+def number_keys(module: Any, zeros: bool = False) -> list[str]:
+    """The dotted keys of all numbers of a module, of those that are zero if asked."""
+    return [
+        dotted
+        for dotted, key in _leaves(module).items()
+        if zeros or (key.get(module) is not None and np.any(np.asarray(key.get(module)) != 0))
+    ]
+
+
+def _leaves(module: Any) -> dict[str, NumberKey]:
+    """All numbers of a module and of its parts, by their dotted keys."""
+    found: dict[str, NumberKey] = {}
     for key in keys_of(type(module)).values():
-        value = getattr(module, key.name)
+        value, rule = getattr(module, key.name), _rule(key, module)
         if isinstance(value, Checked):
-            keys += [f"{key.name}.{inner}" for inner in number_keys(value)]
-        elif value is not None and _rule(key, module) is not None and np.any(np.asarray(value) != 0):
-            keys.append(key.key)
-    return keys
+            found |= {
+                f"{key.name}.{dotted}": inner._replace(names=(key.name, *inner.names))
+                for dotted, inner in _leaves(value).items()
+            }
+        elif rule is not None:
+            found[key.key] = NumberKey((key.name,), rule[1], rule[0])
+    return found
 
 
 def _rule(key: Key, module: Any) -> tuple[str, str] | None:

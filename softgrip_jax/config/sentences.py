@@ -24,12 +24,18 @@ def pick(name: Any, options: dict[str, Any], place: str) -> Any:
 
 def unknown(what: str, name: str, allowed: Iterable[str]) -> str:
     allowed = list(allowed)
-    # 'radius' and 'radius_cm' for 'radius_mm': the same quantity in another unit comes before similar spelling.
-    same = [key for key in allowed if key.split("_")[0] == name.split("_")[0] and key.startswith(_stem(name))]
-    close = same[:1] or difflib.get_close_matches(name, allowed, 1)
+    close = closest(name, allowed)
     if close:
-        return f"there is no {what}; did you mean {close[0]}?"
+        return f"there is no {what}; did you mean {close}?"
     return f"there is no {what}; allowed are {', '.join(allowed)}." if allowed else f"there is no {what}."
+
+
+def closest(name: str, allowed: list[str]) -> str | None:
+    """What was meant by a name that is not allowed. 'a_mm' for 'shell.a_mm', 'radius' and 'radius_cm' for 'radius_mm':
+    the same name in a part, then the same quantity in another unit, come before similar spelling."""
+    inside = [key for key in allowed if "." in key and key.rpartition(".")[2] == name.rpartition(".")[2]]
+    same = [key for key in allowed if key.split("_")[0] == name.split("_")[0] and key.startswith(_stem(name))]
+    return next(iter(inside or same or difflib.get_close_matches(name, allowed, 1)), None)
 
 
 def _stem(name: str) -> str:

@@ -36,6 +36,7 @@ from ..results import Status
 from ..scene import BranchSolver, Found
 from . import path_limits, path_values
 from .climb import climb_to
+from .settings import require_number
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -81,12 +82,9 @@ class ArcLength(BranchSolver):
 
     def __check_init__(self) -> None:
         for name in ("first_step", "largest_step"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"ArcLength.{name} is {getattr(self, name)!r}; it must be a positive number.")
-        if not 0 < self.turn < 1:
-            raise InputError(f"ArcLength.turn is {self.turn!r}; it must be a cosine between 0 and 1.")
-        if not 0 < self.detour < 1:
-            raise InputError(f"ArcLength.detour is {self.detour!r}; it must be a number between 0 and 1.")
+            require_number(f"ArcLength.{name}", getattr(self, name))
+        require_number("ArcLength.turn", self.turn, 1.0, "a cosine between 0 and 1")
+        require_number("ArcLength.detour", self.detour, 1.0, "a number between 0 and 1")
         if not (type(self.max_steps) is int and self.max_steps > 0):
             raise InputError(f"ArcLength.max_steps is {self.max_steps!r}; it must be a whole number, 1 or more.")
 

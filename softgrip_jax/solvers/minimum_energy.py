@@ -10,7 +10,6 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
-from ..errors import InputError
 from ..numerics.batching import one_at_a_time
 from ..numerics.choice import select
 from ..numerics.minimise import Minimum
@@ -18,6 +17,7 @@ from ..results import Status
 from ..scene import BranchSolver, Found, frozen
 from . import energy_limits, energy_values
 from .energy_follow import in_front, minimum_at
+from .settings import require_number
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -50,8 +50,7 @@ class MinimumEnergy(BranchSolver):
     largest_step: float = eqx.field(static=True, default=LARGEST_STEP)
 
     def __check_init__(self) -> None:
-        if not self.largest_step > 0:
-            raise InputError(f"MinimumEnergy.largest_step is {self.largest_step!r}; it must be a positive number.")
+        require_number("MinimumEnergy.largest_step", self.largest_step)
 
     def in_turn(self):
         return one_at_a_time()

@@ -17,6 +17,7 @@ from ..reasons import Reason
 from ..results import Status
 from ..scene import Found, Solver
 from .explicit_curve import DROP, approached
+from .settings import require_number
 
 Scalar = Float[Array, ""]
 
@@ -64,9 +65,7 @@ class Newton(Solver):
 
     def __check_init__(self) -> None:
         for name in ("rtol", "atol"):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
-                raise InputError(f"Newton.{name} is {value!r}; it must be a number between 0 and 1.")
+            require_number(f"Newton.{name}", getattr(self, name), 1.0, "a number between 0 and 1")
         if not (type(self.max_steps) is int and self.max_steps > 0):
             raise InputError(f"Newton.max_steps is {self.max_steps!r}; it must be a whole number, 1 or more.")
         if self.linear_solver is not None:

@@ -70,7 +70,7 @@ def load_study(place: str | Path) -> xr.Dataset:
     Examples:
         >>> sg.load_study("nowhere")
         Traceback (most recent call last):
-        softgrip_jax.errors.ConfigError: nowhere cannot be opened: there is no study in it.
+        softgrip_jax.errors.ConfigError: nowhere cannot be opened: there is no such folder.
     """
     old = Path(place) / OLD_RESULT
     if "://" not in str(place) and old.is_file():
@@ -81,7 +81,9 @@ def load_study(place: str | Path) -> xr.Dataset:
 def opened(place: str | Path, chunks: dict[str, int] | None = None) -> xr.Dataset:
     """The Dataset of a finished study; without dask where no chunks are given."""
     address = address_of(place)
-    begun = _begun(address)
+    if "://" not in address and not Path(place).exists():
+        raise ConfigError(f"{place} cannot be opened: there is no such folder.")
+    begun = _begun(address, to_write=False)
     if begun is None:
         is_old = "://" not in address and (Path(place) / OLD_MANIFEST).is_file()
         why = f"its study is not finished; {AGAIN}" if is_old else "there is no study in it"
@@ -327,12 +329,13 @@ def _target(address: str) -> Any:
         raise ConfigError(f"{address} cannot be opened: {str(error).rstrip('.')}.") from None
 
 
-def _begun(address: str) -> dict[str, Any] | None:
-    """What the store says of its study, None where there is none yet; a ConfigError where it is of something else."""
+def _begun(address: str, to_write: bool = True) -> dict[str, Any] | None:
+    """What the store says of its study, None where there is none yet; a ConfigError where it is of something else, and
+    nothing should be written there."""
     import zarr
 
     place = Path(address)
-    if "://" not in address:
+    if "://" not in address and to_write:
         _refuse_others(place)
     try:
         attributes = zarr.open_group(_target(address), mode="r", zarr_format=3).attrs

@@ -84,6 +84,17 @@ def test_report_for_people(capsys):
     assert (below, above) == (0, NO_ANSWER)
 
 
+@pytest.mark.slow
+def test_what_is_chosen_for_a_tolerance_leaves_the_other_drive_alone(capsys):
+    """It was solved with as few points, and had no answer."""
+    found = []
+    for options in ([], ["--tolerance", "1%"]):
+        assert run(["solve", str(ROOT / "configs" / "finger_tip_contact.toml"), "--json", *options]) == 0
+        found.append(json.loads(capsys.readouterr().out)["other_drive"])
+    assert found[0] == found[1]
+    assert found[0]["observables"]["tip_force"] > 0.5
+
+
 def test_picture(tmp_path, capsys):
     picture = tmp_path / "cylinder.png"
     config = str(CONFIGS / "shell_cylinder.toml")

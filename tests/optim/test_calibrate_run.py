@@ -99,6 +99,28 @@ def test_the_folder_is_complete_and_tells_what_was_left_out(finished):
     assert np.sqrt(np.mean(errors**2)) == pytest.approx(result["curves"]["free"]["rmse"] * 1e3, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_what_comes_next_is_a_pressure_that_the_model_reaches(tmp_path, capsys):
+    """And not the largest that was measured, which is left out."""
+    assert run(["calibrate", str(ROOT / "configs" / "calibrate_shell.toml"), "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert "from 17.5 kPa on, left out" in printed
+    command = shlex.split(printed.rstrip().splitlines()[-1].partition("Next: softgrip ")[2])
+    assert command[-2:] == ["--pressure-kPa", "15"]
+    assert run(command) == 0
+
+
+@pytest.mark.slow
+def test_an_open_interval_is_not_called_determined(tmp_path, capsys):
+    """Millimetres called metres: mu ends at its bound, or its profile does."""
+    file = written(tmp_path)
+    file.write_text(file.read_text().replace('column = "h", unit = "mm"', 'column = "h", unit = "m"'))
+    run(["calibrate", str(file), "--out", str(tmp_path / "out")])
+    printed = capsys.readouterr().out
+    assert "is its unit right?" in printed
+    assert "The data determine" not in printed
+
+
 def test_a_run_is_repeated_from_its_folder_alone(finished, tmp_path, monkeypatch):
     """As its report says: `softgrip calibrate config.toml` there, where the first config and its data are gone."""
     _, out, _ = finished
@@ -202,7 +224,7 @@ def changed(path, old, new):
         ('column = "p", unit = "kPa"', 'column = "p", unit = "mm"', "it must be one of kPa, Pa, MPa"),
         ('"inflation"', '"force"', "measures 'force'; it must be one of inflation"),
         ('"data.csv"', '"other.csv"', "no such file"),
-        ('"shell.material.mu_kPa"', '"shell.material.nu_kPa"', "did you mean mu_kPa?"),
+        ('"shell.material.mu_kPa"', '"shell.material.nu_kPa"', "did you mean shell.material.mu_kPa?"),
         ("[calibrate]", '[calibrate]\nloss = "tukey"', "loss is 'tukey'"),
         ("[calibrate]", '[calibrate]\nintervals = ["jackknife"]', "jackknife"),
         ("[calibrate]", "[calibrate]\nseed = 99999999999999999999", "seed is 99999999999999999999"),

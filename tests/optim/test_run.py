@@ -192,8 +192,8 @@ def test_ctrl_c_while_the_folder_is_written_waits(finished, monkeypatch, tmp_pat
     ("old", "new", "sentence"),
     [
         ("[design]", "[desing]", "did you mean design"),
-        ('name = "shell.a_mm"', 'name = "shell.a"', "did you mean a_mm"),
-        ('name = "shell.a_mm"', 'name = "shel.a_mm"', "did you mean shell"),
+        ('name = "shell.a_mm"', 'name = "shell.a"', "did you mean shell.a_mm"),
+        ('name = "shell.a_mm"', 'name = "shel.a_mm"', "did you mean shell.a_mm"),
         ('name = "gap_mm"', 'name = "shell.a_mm"', "given twice"),
         ("low = 8 ", "low = -8 ", "must be a positive finite number"),
         ("low = 8 ", "low = 80 ", "low must be below high"),

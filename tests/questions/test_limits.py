@@ -211,3 +211,9 @@ def test_a_neo_hookean_membrane_has_one_maximum_at_most(kind):
     fallen = np.maximum.accumulate(known & (rise < 0), axis=0)
     assert np.mean(np.sum(known, axis=0) > 20) > 0.5
     assert not np.any(known & fallen & (rise > 0))
+
+
+@pytest.mark.parametrize("n", [0, 1, -3, True])
+def test_a_branch_of_no_points_is_refused(n):
+    with pytest.raises(ValueError, match=r"it must be a whole number, 2 or more\."):
+        sg.branch(sg.shell.Free(shell()), n)

@@ -18,6 +18,7 @@ import softgrip_jax as sg
 from softgrip_jax.numerics.implicit import implicit
 from softgrip_jax.pneunet import Shooting
 from softgrip_jax.solvers import ArcLength, ExplicitCurve, MinimumEnergy, Newton
+from softgrip_jax.solvers.settings import require_number
 from softgrip_jax.units import kPa, mm
 
 OK, BEYOND, NOT_CONVERGED = sg.Status.OK, sg.Status.BEYOND_LIMIT, sg.Status.NOT_CONVERGED
@@ -281,6 +282,15 @@ BAD = {
     "a step": (lambda: ArcLength(largest_step=0.0), "ArcLength.largest_step is 0.0; it must be a positive number"),
     "a turn": (lambda: ArcLength(turn=1.0), "ArcLength.turn is 1.0; it must be a cosine between 0 and 1"),
     "a load step": (lambda: MinimumEnergy(largest_step=-1.0), "MinimumEnergy.largest_step is -1.0"),
+    "an endless step": (lambda: MinimumEnergy(largest_step=float("inf")), "MinimumEnergy.largest_step is inf"),
+    "a step in words": (
+        lambda: ArcLength(largest_step="big"),
+        "ArcLength.largest_step is 'big'; it must be a positive",
+    ),
+    "a switch for a turn": (
+        lambda: require_number("ArcLength.turn", True),
+        "ArcLength.turn is True; it must be a positive",
+    ),
 }
 
 

@@ -335,6 +335,12 @@ def test_a_store_is_whatever_fsspec_knows(finished, tmp_path):
         sg.load_study(f"file://{tmp_path}/other.zarr")
     with pytest.raises(ConfigError, match="cannot be opened"):
         sg.load_study("nosuchprotocol://somewhere")
+    with pytest.raises(ConfigError, match=r"nowhere cannot be opened: there is no such folder\."):
+        sg.load_study(tmp_path / "nowhere")
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text("mine")
+    with pytest.raises(ConfigError, match=r"other cannot be opened: there is no study in it\."):
+        sg.load_study(tmp_path / "other")
 
 
 def test_a_store_that_is_damaged_is_one_sentence(finished, tmp_path):
@@ -656,7 +662,7 @@ def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path, capsys):
         ("low = 10\n", "low = 10\npoints = 3\n", "shell.a_mm has low, high, points; give low, high"),
         ("low = 10", "low = 40", "shell.a_mm goes from 40 to 22; low must be below high"),
         ("low = 10", "low = -1", "must be a positive finite number in mm"),
-        ('"shell.a_mm"', '"shell.a"', "did you mean a_mm"),
+        ('"shell.a_mm"', '"shell.a"', "did you mean shell.a_mm"),
         ('"distance_mm"', '"shell.a_mm"', "is given twice"),
         ('"force_N"', '"force"', "there is no quantity 'force'"),
         ("at = { pressure_kPa = [10, 20] }", "", "force_N is asked at None"),
@@ -678,7 +684,7 @@ def test_mistakes_are_one_sentence(config, tmp_path, capsys, old, new, sentence)
     ("table", "sentence"),
     [
         ("shell.a_mm\n", "has no rows of designs"),
-        ("shell.a\n12\n", "line 1: there is no number 'shell.a'; did you mean a_mm?"),
+        ("shell.a\n12\n", "line 1: there is no number 'shell.a'; did you mean shell.a_mm?"),
         ("shell.a_mm\n12\nx\n", "line 3: shell.a_mm is 'x'; it must be a number"),
         ("shell.a_mm\n-12\n", "must be a positive finite number in mm"),
     ],
