@@ -284,10 +284,10 @@ BAD = {
     "a load step": (lambda: MinimumEnergy(largest_step=-1.0), "MinimumEnergy.largest_step is -1.0"),
     "an endless step": (lambda: MinimumEnergy(largest_step=float("inf")), "MinimumEnergy.largest_step is inf"),
     "a step in words": (
-        lambda: ArcLength(largest_step="big"),
-        "ArcLength.largest_step is 'big'; it must be a positive",
+        lambda: require_number("ArcLength.largest_step", "big"),
+        "ArcLength.largest_step is 'big'; it must be a positive number",
     ),
-    "a switch for a turn": (
+    "a switch": (
         lambda: require_number("ArcLength.turn", True),
         "ArcLength.turn is True; it must be a positive",
     ),
