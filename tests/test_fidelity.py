@@ -185,7 +185,7 @@ def test_command_line(capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["fidelity"]["observable"] == "stretch"
     assert (data["fidelity"]["left_out"], data["fidelity"]["met"]) == ([], True)
-    for wrong in (["--tolerance", "lots"], ["--tolerance", "-1%"], ["--observable", "stretch"]):
+    for wrong in (["--tolerance", "lots"], ["--tolerance", "-1%"], ["--tolerance", "1"], ["--observable", "stretch"]):
         assert run(["solve", config, *wrong]) == 2
         assert len(capsys.readouterr().err.splitlines()) == 1
 

@@ -109,8 +109,8 @@ def _share(text: str) -> float:
         share = float(text.removesuffix("%")) / (100 if text.endswith("%") else 1)
     except ValueError:
         share = math.nan
-    if not 0 < share < math.inf:
-        raise ConfigError(f"--tolerance is {text!r}; it must be a positive number, for instance 1% or 0.01.")
+    if not 0 < share < 1:
+        raise ConfigError(f"--tolerance is {text!r}; it must be between 0 and 100 %, for instance 1% or 0.01.")
     return share
 
 
