@@ -157,9 +157,11 @@ class ExplicitCurve(BranchSolver):
         known = jnp.isfinite(value)
         ends = jnp.where(curve.touches, fixed.load(stop), curve.free_limit)
         reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), Reason.VALUE_NOT_REACHED, Reason.NONE)
+        passed = possible & known & before & ~reached & (not scene.CONTACT)
+        reason = jnp.where(passed, Reason.VALUE_PASSED, reason)
         reason = jnp.where(known, reason, Reason.PRESSURE_RULE)
         is_beyond = possible & known & (status == Status.BEYOND_LIMIT) & jnp.isfinite(ends)
-        detail = jnp.where(is_beyond, ends, jnp.nan)
+        detail = jnp.where(is_beyond, ends, jnp.where(passed, scan.y[0], jnp.nan))
         status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
 
         # Rounding of the observable is relative to its change over a cell, where the value itself may be zero, and what

@@ -13,6 +13,7 @@ import pytest
 import reference_beam as ref
 from conftest import ROOT
 from fingers import TYPE_A, TYPES, pneunet, stacked
+from helpers import shell
 
 import softgrip_jax as sg
 from softgrip_jax import plots
@@ -216,6 +217,13 @@ def test_a_membrane_that_bulges_back_through_its_clamp():
     assert seen[3].reason_text() == text
     ignored = dataclasses.replace(scene, ignored_rules=("membrane_above_clamp",))
     assert sg.solve(ignored, 30 * kPa).inflation < 0
+
+
+def test_a_height_below_the_flat_membrane_is_said():
+    """The parts were blamed."""
+    found = sg.pressure_for(sg.shell.Free(shell()), inflation=-1 * mm)
+    assert int(found.status) == sg.Status.IMPOSSIBLE
+    assert "it is passed already at 0 kPa" in found.reason_text()
 
 
 # --- bent states ------------------------------------------------------------------------------------------------------
