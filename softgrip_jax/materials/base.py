@@ -99,7 +99,7 @@ class Material(Checked):
         """W, J/m^3, of a sheet from tr C and det C, C = F^T F in its plane: lambda^2 are the eigenvalues of C.
 
         Unlike the stretches these two are smooth in F where the stretches are equal. This works for any energy and
-        keeps squared stretches apart by EQUAL of their mean, which changes W by EQUAL^2 of itself at most.
+        keeps squared stretches apart by EQUAL of their mean, which adds some mu EQUAL^2 to W.
         """
         mean = 0.5 * trace
         apart = jnp.sqrt(jnp.maximum(mean**2 - determinant, 0.0) + (EQUAL * mean) ** 2)
@@ -189,6 +189,11 @@ def _require_true_statements(material: Material) -> None:
     with jax.ensure_compile_time_eval():
         pairs = [[np.asarray(value) for value in pair] for pair in _stated_and_found(material)]
     words = ("shear_modulus() is", "Pa"), ("sheet_energy at the stretches 1.2 and 1.05 is", "J/m^3")
+    if not np.all(np.isfinite(pairs[0][1])):
+        raise InputError(
+            f"{type(material).__name__}.energy has no second derivative in the undeformed state (it is "
+            f"{np.min(pairs[0][1]):.6g} Pa); write it without roots or logarithms that vanish there."
+        )
     for (what, unit), (stated, found) in zip(words, pairs, strict=True):
         # Written so that NaN counts as a difference. Several numbers are several materials, made for vmap.
         if not np.all(np.abs(stated - found) <= STATED_TOLERANCE * np.abs(found)):
@@ -219,7 +224,7 @@ def nominal_stresses(material: Material, l1: Scalar, l2: Scalar) -> tuple[Scalar
 
     Args:
         material: of the sheet.
-        l1, l2: stretches in the plane, dimensionless, positive.
+        l1, l2: stretches in the plane, dimensionless, positive, as float scalars.
 
     Returns:
         The two stresses, Pa, positive in tension.

@@ -291,3 +291,17 @@ def test_a_plain_energy_locks_where_it_ends():
     assert float(end) < 0.99 * float(gent.geometry()[1])
     np.testing.assert_allclose(plain.interval()[1], end, rtol=1e-12)
     assert bool(plain.unbounded())
+
+
+def test_an_energy_without_a_second_derivative_at_rest_is_named():
+    """The message compared two numbers that are none, and asked for a method to be left out that was not there."""
+
+    class Rooted(Material):
+        law: Material  # as above
+
+        def energy(self, l1, l2, l3):
+            first = l1 * l1 + l2 * l2 + l3 * l3 - 3
+            return self.law.energy(l1, l2, l3) + 1e4 * jnp.sqrt(jnp.abs(first) ** 3)
+
+    with pytest.raises(ValueError, match=r"Rooted\.energy has no second derivative in the undeformed state"):
+        Rooted(law=sg.NeoHookean(mu=100 * kPa))
