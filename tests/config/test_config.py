@@ -197,7 +197,7 @@ def test_leaf_of_a_dotted_key():
     assert (leaf.names, leaf.kind, leaf.rule, leaf.unit) == (("shell", "t_m"), "length", "positive", 1e-3)
     assert float(leaf.get(scene)) == 1.1 * mm
     assert config.leaf(scene, "friction", "here").kind == "number"
-    with pytest.raises(config.ConfigError, match=r"here: there is no number 'shell.t_mm'; did you mean t_m_mm\?"):
+    with pytest.raises(config.ConfigError, match=r"here: there is no number 'shell.t_mm'; did you mean shell.t_m_mm\?"):
         config.leaf(scene, "shell.t_mm", "here")
 
 

@@ -215,7 +215,7 @@ def test_no_limit_is_an_answer_and_has_no_mean(capsys):
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [
-        ('[[sensitivity.variables]]\nname = "shell.t_m"', "did you mean t_m_mm"),
+        ('[[sensitivity.variables]]\nname = "shell.t_m"', "did you mean shell.t_m_mm"),
         ('[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = -1', "greater than 0"),
         ('[[sensitivity.observables]]\nname = "force_N"\nat = { pressure_kPa = 3 }', "there is no quantity 'force_N'"),
         ("[sensitivity]\nsample = 5", "did you mean samples"),
