@@ -240,8 +240,8 @@ def limit_pressure(scene: Scene) -> Scalar:
         scene: what to ask.
 
     Returns:
-        The pressure, Pa, differentiable: inf where there is no limit, NaN for an impossible scene. An energy membrane
-        on an object may lose its equilibrium at a kink, where a point leaves the object: derivatives are zero there.
+        The pressure, Pa, differentiable: inf where there is no limit, NaN for an impossible scene. The branch of an
+        energy membrane on an object may end where no maximum is met: derivatives are zero there.
 
     Raises:
         InputError: where the scene cannot be meant (outside of jit).

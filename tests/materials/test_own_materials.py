@@ -173,8 +173,8 @@ def test_every_shell_of_a_plain_energy(case):
 @pytest.mark.parametrize("law", MATERIALS)
 @pytest.mark.parametrize("kind", ["free", "flat", "cylinder", "grasp", "inclined", "chamber", "energy"])
 def test_every_scene_and_law_of_a_plain_energy(kind, law):
-    """Random designs of every shell scene and of the chamber, near and far from their limits. An energy membrane of a
-    material that stiffens crumples before its limit (docs/theory/energy.md), and is asked below."""
+    """Random designs of every shell scene and of the chamber, near and far from their limits. Energy membranes of Gent
+    and Ogden crumple before their limit (docs/theory/energy.md), have no state at 0.9 of it, and are asked below."""
     rng = np.random.default_rng(7)
     material = MATERIALS[law]()
 
@@ -199,7 +199,7 @@ def test_every_scene_and_law_of_a_plain_energy(kind, law):
         top = jnp.where(jnp.isfinite(end), end, start + 100 * kPa)
         rtol = 1e-6 if kind == "energy" else 1e-9
         np.testing.assert_allclose(sg.limit_pressure(plain), end, rtol=rtol)
-        for part in (0.1, 0.3) if kind == "energy" else (0.3, 0.9):
+        for part in (0.1, 0.3) if kind == "energy" and law in ("gent", "ogden") else (0.3, 0.9):
             pressure = start + part * (top - start)
             same(sg.solve(plain, pressure), sg.solve(scene, pressure), rtol)
 

@@ -481,6 +481,8 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
     assert told["quantities"]["force_at_12_kPa"]["answered"] == len(forces)
     assert told["quantities"]["force_at_12_kPa"]["median"] == pytest.approx(forces.median(), rel=1e-12)
     assert picture.read_bytes().startswith(b"\x89PNG")
+    assert run(["summary", str(whole), "--best", "force_at_12_kPa_N", "--where", "shell.a_mm < 0"]) == 0
+    assert "No design may be chosen" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
