@@ -16,6 +16,7 @@ import softgrip_jax as sg
 from optim.calibration import settings as calibrate_settings
 from optim.plan import settings as plan_settings
 from softgrip_jax import config, fields, units
+from softgrip_jax.config.keys import varied
 from softgrip_jax.objects.friction import FrictionTable
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import gram, kPa, mm
@@ -199,6 +200,9 @@ def test_leaf_of_a_dotted_key():
     assert config.leaf(scene, "friction", "here").kind == "number"
     with pytest.raises(config.ConfigError, match=r"here: there is no number 'shell.t_mm'; did you mean shell.t_m_mm\?"):
         config.leaf(scene, "shell.t_mm", "here")
+    for key, meant in {"a_mm": "shell.a_mm", "shell.material.mu": "shell.material.mu_kPa"}.items():
+        with pytest.raises(config.ConfigError, match=rf"no scene has a number '{key}'; did you mean {meant}\?"):
+            varied({"one": scene, "two": scene}, key, "here")
 
 
 class Steps(pydantic.BaseModel):
