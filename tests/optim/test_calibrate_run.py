@@ -112,12 +112,15 @@ def test_what_comes_next_is_a_pressure_that_the_model_reaches(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_an_open_interval_is_not_called_determined(tmp_path, capsys):
-    """Millimetres called metres: mu ends at its bound, or its profile does."""
-    file = written(tmp_path)
-    file.write_text(file.read_text().replace('column = "h", unit = "mm"', 'column = "h", unit = "m"'))
+    """Millimetres called metres: no mu is on a bound, and its profile has no end."""
+    shutil.copytree(ROOT / "configs" / "data", tmp_path / "data")
+    text = (ROOT / "configs" / "calibrate_shell.toml").read_text()
+    file = tmp_path / "fit.toml"
+    file.write_text(text.replace('column = "inflation_mm", unit = "mm"', 'column = "inflation_mm", unit = "m"'))
     run(["calibrate", str(file), "--out", str(tmp_path / "out")])
     printed = capsys.readouterr().out
     assert "is its unit right?" in printed
+    assert "the data set no end to its interval" in printed
     assert "The data determine" not in printed
 
 
