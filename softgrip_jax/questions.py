@@ -251,8 +251,12 @@ def limit_pressure(scene: Scene) -> Scalar:
         >>> print(f"{sg.limit_pressure(sg.shell.Free(shell)) / kPa:.4f} kPa")
         20.1756 kPa
     """
-    scene = _checked(scene)
-    return _limit_pressure(scene)
+    return _limit_pressure(to_limit(scene))
+
+
+def to_limit(scene: Scene) -> Scene:
+    """What `limit_pressure` hands to its program."""
+    return _checked(scene)
 
 
 def pressure_for(scene: Scene, **target: Any) -> Solution:

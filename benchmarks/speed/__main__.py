@@ -20,10 +20,10 @@ from . import gpu_part, measure
 ROOT = Path(__file__).resolve().parent.parent.parent
 TOGETHER = (
     *("fingers", "fidelity", "peers", "scenes", "shells", "models"),
-    *("energy", "methods", "hard", "drives", "start", "elastica"),
+    *("energy", "methods", "hard", "drives", "elastica"),
 )
 """Longest first."""
-ALONE = ("explorer",)
+ALONE = ("explorer", "start")
 """Parts with processes of their own, which nothing runs beside."""
 PARTS = (*TOGETHER, *ALONE)
 

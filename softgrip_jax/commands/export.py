@@ -14,6 +14,7 @@ from rich.console import Console
 
 from ..errors import CellRangeWarning, InputError, located
 from ..folders import contents, new_folder
+from .asked import solving
 from .files import one_scene, tell_folder
 from .path import why_no_limit
 from .programs import kept
@@ -127,24 +128,19 @@ def expectations(read: Any) -> list[tuple[str, str]]:
     import numpy as np
 
     from .. import config as configs
-    from ..questions import _pressure_for, limit_pressure, to_reach, to_solve
+    from ..questions import _limit_pressure, to_limit
     from ..results import in_units
-    from ..scene import equilibrium
 
     rows: list[tuple[str, str]] = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", CellRangeWarning)  # softgrip solve says it
         try:
-            asked = configs.question(read)
-            if "pressure" in asked:
-                solution = kept(equilibrium, *to_solve(read.scene, **asked))
-            else:
-                solution = kept(_pressure_for, *to_reach(read.scene, **asked))
+            solution = solving(read.scene, configs.question(read))()
             rows += [(name, value) for name, value in solution.rows() if value != "-"]
         except InputError as error:
             rows.append(("state", f"none: {error}"))
         try:
-            limit = float(limit_pressure(read.scene))
+            limit = float(kept(_limit_pressure, to_limit(read.scene)))
             if np.isnan(limit):
                 told = f"unknown: {why_no_limit(read.scene)}"
             else:

@@ -9,6 +9,7 @@ import dataclasses
 import json
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from rich.console import Console
 
 from ..errors import CellRangeWarning, ConfigError, located
 from ..folders import write_whole
+from .asked import solving
 from .files import PICTURES, check_file, one_scene, plain, tell_file
 from .programs import kept
 
@@ -37,8 +39,6 @@ def run_solve(
     from .. import config as configs
     from ..fidelity import against_elements, choose
     from ..pneunet.drives import with_other_drive
-    from ..questions import _pressure_for, to_reach, to_solve
-    from ..scene import equilibrium
 
     if plot is not None:
         check_file(plot, "--plot", PICTURES)
@@ -50,18 +50,20 @@ def run_solve(
         asked = configs.question(read)
     else:
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
-    choice = None
-
-    def solved(scene):
-        if "pressure" in asked:
-            return kept(equilibrium, *to_solve(scene, **asked))
-        return kept(_pressure_for, *to_reach(scene, **asked))
-
+    choice, given = None, read.scene
     # A scene itself may not take what is asked as a question.
     with Console(stderr=True).status("solving"), located(f"{config}, [solve]"):
         if allowed is not None:
             choice = choose(read.scene, tolerance=allowed, observable=observable, **asked)
-        solution = solved(read.scene) if choice is None else choice.solution
+            # What was chosen for a tolerance holds for the drive that was asked for: the other one is as it stands.
+            if hasattr(given, "drive"):
+                given = dataclasses.replace(given, drive=choice.solution.scene.drive)
+        solved = solving(read.scene, asked) if choice is None else partial(getattr, choice, "solution")
+        other = with_other_drive(given)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CellRangeWarning)  # said in words of our own
+            other_solved = solving(other, asked) if other is not None else None
+        solution = solved()
     verified = against_elements(solution.scene, solution.pressure) if int(solution.status) == 0 else {}
     if not as_json:
         report(solution, Console(), "pressure" in asked)
@@ -69,15 +71,10 @@ def run_solve(
             typer.echo(choice)
         for name, near in verified.items() if choice is None else ():
             typer.echo(f"{name.replace('_', ' ')}: {near}")
-    # What was chosen for a tolerance holds for the drive that was asked for: the other one is solved as it stands.
-    given = solution.scene
-    if choice is not None and hasattr(given, "drive"):
-        given = dataclasses.replace(read.scene, drive=given.drive)
-    other, beside = with_other_drive(given), None
-    if other is not None and int(solution.status) == 0:
-        with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'), warnings.catch_warnings():
-            warnings.simplefilter("ignore", CellRangeWarning)  # said in words of our own
-            beside = solved(other)
+    beside = None
+    if other is not None and other_solved is not None and int(solution.status) == 0:
+        with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'):
+            beside = other_solved()
     if as_json:
         chosen = {"fidelity": choice.as_data()} if choice is not None else {}
         if verified:
@@ -155,9 +152,9 @@ def nearest_rule(solution: Solution) -> tuple[str, str] | None:
 
 def report(solution: Solution, console: Console, given_pressure: bool = True) -> None:
     """The state as a table for people; at a given pressure with what a gripper could hold at most."""
-    from .. import pneunet
     from ..config.modules import type_name
-    from ..questions import limit_pressure
+    from ..pneunet.grasp import Grasp, _largest_mass
+    from ..questions import _limit_pressure, to_limit
     from ..results import Status, in_units
     from ..tables import Table
 
@@ -171,11 +168,11 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     if rule is not None:
         table.add_row("least margin of a rule", f"{rule[0]}: {rule[1]}")
     scene = solution.scene
-    if given_pressure and isinstance(scene, pneunet.Grasp) and int(solution.status) == Status.OK:
-        heaviest = pneunet.largest_mass(scene, solution.pressure)
+    if given_pressure and isinstance(scene, Grasp) and int(solution.status) == Status.OK:
+        heaviest = kept(_largest_mass, scene, solution.pressure)
         table.add_row("largest mass", in_units(heaviest, "mass"))
     if int(solution.status) == Status.BEYOND_LIMIT:
-        table.add_row("limit pressure", in_units(limit_pressure(solution.scene), "pressure"))
+        table.add_row("limit pressure", in_units(kept(_limit_pressure, to_limit(scene)), "pressure"))
     console.print(table)
 
 

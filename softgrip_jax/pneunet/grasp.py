@@ -298,8 +298,7 @@ def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
 
     Returns:
         The mass, kg, differentiable: 0 where the tips do not press at all, NaN where the grasp has no equilibrium at
-            this
-        pressure.
+            this pressure.
 
     Raises:
         InputError: where grasp or pressure cannot be meant (outside of jit).

@@ -20,6 +20,7 @@ from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.cli import app, run
+from softgrip_jax.commands import asked
 from softgrip_jax.errors import InputError
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
 from softgrip_jax.units import kPa, mm
@@ -106,6 +107,36 @@ def test_json_has_both(config, forces):
     assert data["other_drive"]["drive"] == "cell"
     assert data["other_drive"]["observables"]["tip_force"] == pytest.approx(forces["cell"], rel=1e-9)
     assert data["observables"]["tip_force"] == pytest.approx(forces["thesis"], rel=1e-9)
+
+
+def test_both_programs_are_made_before_either_is_waited_for(config, monkeypatch):
+    happened = []
+
+    def program(function, scene, *rest, **options):
+        happened.append(("made", scene.drive))
+
+        def run(*given):
+            happened.append(("run", scene.drive))
+            return function(*given)
+
+        return run
+
+    monkeypatch.setattr(asked, "program", program)
+    assert CliRunner().invoke(app, ["solve", str(config)]).exit_code == 0
+    assert happened == [("made", "thesis"), ("made", "cell"), ("run", "thesis"), ("run", "cell")]
+    happened.clear()
+    done = CliRunner().invoke(app, ["solve", str(config), "--pressure-kPa", "500"])
+    assert done.exit_code == 1
+    assert "by both drives" not in done.stdout
+    assert ("run", "cell") not in happened  # one law without a state is answer enough
+
+
+def test_what_the_other_law_was_not_fitted_to_is_a_sentence_and_no_warning(tmp_path):
+    path = tmp_path / "thick.toml"
+    path.write_text(CONFIG.format(drive="").replace('preset = "table_5_1_A"', 'preset = "table_5_1_A"\nt_m_mm = 1.8'))
+    done = CliRunner().invoke(app, ["solve", str(path), "--pressure-kPa", "5"])  # a warning would be an error here
+    assert done.exit_code == 0
+    assert "t_m = 1.8 mm (checked" in done.stdout
 
 
 @pytest.fixture(scope="module")
