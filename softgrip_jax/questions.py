@@ -215,7 +215,8 @@ def contact_pressure(scene: Scene) -> Scalar:
         scene: what to ask.
 
     Returns:
-        The pressure, Pa, differentiable: 0 in free space, NaN for an impossible scene.
+        The pressure, Pa, differentiable: 0 in free space, NaN for an impossible scene. Where nothing is ever touched it
+            is inf; of a membrane of arcs it is the limit pressure of the free membrane, up to which none is.
 
     Raises:
         InputError: where the scene cannot be meant (outside of jit).

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.implicit import implicit
+from ..reasons import Reason
 from ..results import Solution, Status, stop_gradient_where_failed
 from ..scene import Found, frozen
+from .path_values import surplus_over
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -28,14 +30,15 @@ END_KNOWN = 1e-5
 
 
 def onset(method: Any, scene: Any) -> Scalar:
-    """The pressure (Pa) at which the free membrane meets the object at a contact point."""
+    """The pressure (Pa) at which the free membrane meets the object at a contact point; inf where it never does."""
     free = scene.without_body()
     fixed = frozen(scene)
 
     def nearest(scene, free_unknowns):
         return -jnp.min(scene.functional.gaps(free_unknowns, scene))
 
-    found, _, _ = seek(method, frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
+    sought = seek(method, frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
+    found, never = sought.found, sought.ended & (sought.found.status == Status.BEYOND_LIMIT)
     ok = found.status == Status.OK
     scene, free = stop_gradient_where_failed(ok, (scene, free))
 
@@ -44,15 +47,23 @@ def onset(method: Any, scene: Any) -> Scalar:
         return nearest(scene, free.with_implicit_derivative(unknowns, scaled * scene.unit()))
 
     scaled = implicit(equation, found.pressure / fixed.unit(), (scene, free, found.unknowns))
-    return jnp.where(ok, scaled * scene.unit(), jnp.nan)
+    return jnp.where(ok, scaled * scene.unit(), jnp.where(never, jnp.inf, jnp.nan))
 
 
-def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> tuple[Found, Scalar, Any]:
-    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois).
+class Sought(NamedTuple):
+    """What a search along the branch came to."""
 
-    Returns the point, what is left of the surplus there, and whether the branch ended before it (the point is then the
-    last one).
-    """
+    found: Found
+    left: Scalar
+    """Of the surplus, there."""
+    ended: Bool[Array, ""]
+    """Whether the branch ended before it; the point is then the last one that was tried."""
+    end: Scalar
+    """The last pressure (Pa) below that end, within END_KNOWN; NaN where nothing says that it ends."""
+
+
+def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> Sought:
+    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois)."""
     unit = scene.unit()
     zero = jnp.zeros_like(unit)
     unknown = zero + jnp.nan
@@ -91,8 +102,9 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
     shapes = jax.eval_shape(lambda last: step(begun(last))[9], nothing)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
     last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
-    found, value = last[9]
-    return found, value, jnp.isnan(value) | (last[7] >= LARGEST_LOAD)
+    (low, high, load), (found, value) = (last[3], last[5], last[7]), last[9]
+    end = jnp.where(jnp.isfinite(high) & jnp.isnan(value), low**3 * unit, jnp.nan)
+    return Sought(found, value, jnp.isnan(value) | (load >= LARGEST_LOAD), end)
 
 
 def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
@@ -100,14 +112,31 @@ def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     fixed, value = frozen((scene, target))
 
     def surplus(scene, target, unknowns, pressure):
-        size = jnp.maximum(jnp.abs(lax.stop_gradient(target)), 1e-12)
-        return (scene.observe(unknowns, pressure)[name] - target) / size
+        return surplus_over(name, target, scene.observe(unknowns, pressure))
 
-    found, left, ended = seek(method, fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
-    status = jnp.where(ended, Status.BEYOND_LIMIT, found.status)
-    possible = fixed.can_exist() & jnp.isfinite(value)
-    status = jnp.where(possible, status, Status.IMPOSSIBLE)
-    found = fixed.verified(found._replace(status=status, mismatch=jnp.where(status == Status.OK, left, 0.0)))
+    sought = seek(method, fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
+    found = sought.found
+    flat, none = fixed.unloaded_state(), jnp.zeros_like(value)
+    at_rest = surplus(fixed, value, flat, none)
+    touches_later = found.status == Status.NO_CONTACT
+    resting, passed = ~touches_later & (at_rest == 0), ~touches_later & (at_rest > 0)
+    status = jnp.where(sought.ended, Status.BEYOND_LIMIT, found.status)
+    status = jnp.where(resting, Status.OK if fixed.body is None else Status.NO_CONTACT, status)
+    known = jnp.isfinite(value)
+    status = jnp.where(fixed.can_exist() & known & ~passed, status, Status.IMPOSSIBLE)
+    beyond = status == Status.BEYOND_LIMIT
+    reason = jnp.where(beyond, int(Reason.VALUE_NOT_REACHED), int(Reason.NONE))
+    reason = jnp.where(passed, int(Reason.VALUE_PASSED), reason)
+    detail = jnp.where(beyond, sought.end, jnp.where(passed, none, jnp.nan))
+    found = found._replace(
+        unknowns=jnp.where(resting, flat, found.unknowns),
+        pressure=jnp.where(resting, 0.0, found.pressure),
+        status=status,
+        mismatch=jnp.where((status == Status.OK) & ~resting, sought.left, 0.0),
+        reason=jnp.where(known, reason, int(Reason.PRESSURE_RULE)),
+        detail=jnp.where(known, detail, jnp.nan),
+    )
+    found = fixed.verified(found)
     ok = found.status == Status.OK
     scene, target = stop_gradient_where_failed(ok, (scene, target))
 

@@ -482,6 +482,44 @@ def test_inverse_and_limit_have_derivatives():
     np.testing.assert_allclose(slope, asked(1.0), rtol=1e-8)
 
 
+def test_a_value_that_no_pressure_gives_is_told_so():
+    free = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), **SMALL)
+    limit = float(sg.limit_pressure(free))
+
+    def asked(height):
+        return sg.pressure_for(free, inflation=height)
+
+    heights = jnp.array([-1.0, 0.0, 10.0, 200.0, jnp.nan]) * mm
+    found, slopes = jax.jit(jax.vmap(lambda h: (asked(h), jax.grad(lambda h: asked(h).pressure)(h))))(heights)
+    told = [(Status(int(s)).name, sg.Reason(int(r)).name) for s, r in zip(found.status, found.reason, strict=True)]
+    assert told == [
+        ("IMPOSSIBLE", "VALUE_PASSED"),
+        ("OK", "NONE"),
+        ("OK", "NONE"),
+        ("BEYOND_LIMIT", "VALUE_NOT_REACHED"),
+        ("IMPOSSIBLE", "PRESSURE_RULE"),
+    ]
+    np.testing.assert_array_equal(np.isfinite(found.pressure), [False, True, True, False, False])
+    assert found.pressure[1] == 0
+    assert float(sg.solve(free, found.pressure[2]).inflation) == pytest.approx(10 * mm, rel=1e-9)
+    np.testing.assert_allclose(found.detail, [0, np.nan, np.nan, limit, np.nan], rtol=1e-4)
+    # The membrane rises with the cube root of the first pressure: at rest its pressure does not change.
+    assert slopes[2] > 0
+    np.testing.assert_array_equal(np.asarray(slopes)[[0, 1, 3, 4]], 0)
+
+
+def test_what_the_free_membrane_never_reaches_is_never_touched():
+    far = small(Plane(60 * mm))
+    free = dataclasses.replace(sg.shell.Free(shell(), model="energy").prepared(), **SMALL)
+    assert np.isinf(float(sg.contact_pressure(far)))
+    pressed = sg.pressure_for(far, force=2.0)
+    assert (Status(int(pressed.status)), sg.Reason(int(pressed.reason))) == (
+        Status.BEYOND_LIMIT,
+        sg.Reason.VALUE_NOT_REACHED,
+    )
+    assert float(pressed.detail) == pytest.approx(float(sg.limit_pressure(free)), rel=1e-4)
+
+
 @pytest.mark.slow
 def test_every_lane_is_labelled():
     scene = small(Plane(5 * mm))
