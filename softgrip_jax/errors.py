@@ -54,7 +54,16 @@ def located(where: str) -> Iterator[None]:
         raise ConfigError(f"{where}: {' '.join(sentence.split())}") from None
 
 
-class UnitWarning(UserWarning):
+class DesignWarning(UserWarning):
+    """What people should know of what they gave, in one sentence; it says itself where that stands.
+
+    Examples:
+        >>> issubclass(sg.CellRangeWarning, sg.errors.DesignWarning)
+        True
+    """
+
+
+class UnitWarning(DesignWarning):
     """A number that can be meant, but was probably given in another unit than SI.
 
     Examples:
@@ -63,5 +72,5 @@ class UnitWarning(UserWarning):
     """
 
 
-class CellRangeWarning(UserWarning):
+class CellRangeWarning(DesignWarning):
     """A finger whose dimensions are outside of what the cell law was fitted to."""

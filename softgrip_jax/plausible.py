@@ -2,7 +2,8 @@
 
 Constructors take metres, pascals and kilograms, and people type what they measured: millimetres, kilopascals, grams. A
 dimension of 16 m is no mistake that can be refused, but it is told, with the unit that was probably meant. That happens
-outside of jit only, where numbers are known, and never for a config or the command line, whose keys carry their units.
+outside of jit only, where numbers are known. The keys of a config and of the command line carry their units: there the
+doubt is about numbers that are a thousand times too small for theirs (`warn_of_key`).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .errors import UnitWarning
-from .units import SI
+from .units import DISPLAY, SI
 
 LARGEST_LENGTH = 1.0
 """m. No finger, shell or object that a soft gripper holds is longer, and hardly a dimension in mm is below 1."""
@@ -27,6 +28,8 @@ LARGEST_ANGLE = 6.5
 """rad, more than a full turn."""
 LARGEST = {"length": (LARGEST_LENGTH, "mm"), "mass": (LARGEST_MASS, "gram"), "angle": (LARGEST_ANGLE, "degree")}
 """Kind -> (the largest plausible number in SI, the unit that a larger one was probably meant in)."""
+SMALLEST_LENGTH = 2e-5
+"""m, of what must be positive in a config: the thinnest silicone films that are cast are some tens of micrometres."""
 SMALLEST_MODULUS = 1e3
 """Pa, of what must be stiff by itself. The softest silicones and gels that are moulded have some kPa."""
 
@@ -69,6 +72,17 @@ def doubts(name: str, values: np.ndarray, kind: str, rule: str) -> list[Doubt]:
     if 0 < size < SMALLEST_MODULUS:
         return [Doubt(name, float(size), kind, "kPa" if size * 1e3 >= SMALLEST_MODULUS else "MPa")]
     return []
+
+
+def warn_of_key(place: str, value: float, kind: str, rule: str) -> None:
+    """A warning about a number of a config in the unit of its key, where it was probably meant in one that is a
+    thousand times larger: a length in metres, a modulus in MPa."""
+    if rule != "positive" or kind not in ("length", "pressure"):
+        return
+    label, unit = DISPLAY[kind]
+    if 0 < value * unit < (SMALLEST_LENGTH if kind == "length" else SMALLEST_MODULUS):
+        sentence = f"{place} is {value:.6g}, and that is {value:.6g} {label}; did you mean {value * 1e3:.6g}?"
+        warnings.warn(sentence, UnitWarning, stacklevel=2)
 
 
 def warn(found: list[Doubt]) -> None:

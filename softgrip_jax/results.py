@@ -136,7 +136,8 @@ class Solution(Batched):
             ("pressure", in_units(self.pressure, "pressure")),
         ]
         for name, kind in self.scene.OBSERVABLES.items():
-            rows.append((name.replace("_", " "), in_units(self.observables[name], kind)))
+            known = status is not Status.NO_CONTACT or is_zero_apart(name, kind)
+            rows.append((name.replace("_", " "), in_units(self.observables[name], kind) if known else "-"))
         rows.append(("scaled residual", f"{float(self.residual):.1e}, {int(self.iterations)} iterations"))
         return rows
 
@@ -156,6 +157,11 @@ def in_units(value: Any, kind: str) -> str:
     numbers = np.where(np.abs(numbers) < 1e-9 * np.max(np.abs(numbers)), 0.0, numbers)
     text = f"{numbers:.5g}" if numbers.ndim == 0 else "(" + ", ".join(f"{v:.5g}" for v in numbers) + ")"
     return f"{text} {label}".strip()
+
+
+def is_zero_apart(name: str, kind: str) -> bool:
+    """Whether an observable is zero where nothing is touched; `mask` has zeros for the others, too."""
+    return (kind == "force" and name != "required_force") or name.startswith("contact")
 
 
 def stop_gradient_where_failed(ok: Array, tree: PyTree) -> PyTree:

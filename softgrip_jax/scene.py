@@ -143,7 +143,7 @@ class Scene(Checked):
     `curve_scene.CurveScene` where the pressure is an explicit function of one angle.
 
     Args:
-        ignored_rules: rules that may be broken, by name (see `reasons`): their margins are still reported.
+        ignored_rules: names of rules that may be broken, for instance "walls_fit": their margins are still reported.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
@@ -190,6 +190,10 @@ class Scene(Checked):
     def target(self) -> tuple[str, Scalar]:
         """What `pressure_for` seeks when the caller names nothing: only scenes with a task of their own know it."""
         raise InputError(f"pressure_for({type(self).__name__}) needs a target, for instance force=2.0 (in N).")
+
+    def has_target(self) -> bool:
+        """Whether scenes of this kind know a task of their own."""
+        return type(self).target is not Scene.target
 
     def prepared(self) -> Scene:
         """The scene with choices made that need known numbers; called outside of jit, before anything else."""

@@ -323,7 +323,7 @@ def require_data(fitting: Fitting) -> None:
         if curve.fit and curve.noise is None and len(curve.x) < 3:
             raise InputError(
                 f"Curve {curve.name!r} has {len(curve.x)} point{'' if len(curve.x) == 1 else 's'}, too few to estimate "
-                "its noise; state it."
+                "its noise; state it (in a config: noise, in the curve's measured)."
             )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import functools
 import sys
 import traceback
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -18,7 +19,7 @@ import typer
 
 from .. import plugins
 from ..commands import programs
-from ..errors import InputError
+from ..errors import DesignWarning, InputError
 from ..plausible import units_are_stated
 from . import ending, profile
 from . import explore as explore
@@ -96,9 +97,20 @@ def run(arguments: Sequence[str]) -> int:
     return MISTAKE
 
 
+def _in_a_line(message: Any, category: type[Warning], filename: str, lineno: int, line: str | None = None) -> str:
+    """A warning for those who typed a command: without a line of ours, where the sentence is for them."""
+    if issubclass(category, DesignWarning):
+        return f"{message}\n"
+    return _as_python_does(message, category, filename, lineno, line)
+
+
+_as_python_does = warnings.formatwarning
+
+
 def main() -> NoReturn:
     """Entry point of the console script."""
     programs.settings()
+    warnings.formatwarning = _in_a_line
     ending.hear_ctrl_c()
     try:
         with units_are_stated():

@@ -33,7 +33,7 @@ from ..errors import ConfigError as ConfigError
 from ..errors import InputError, located
 from ..fields import RULES, Checked, wanted
 from ..objects.friction import Friction
-from ..plausible import units_are_stated
+from ..plausible import units_are_stated, warn_of_key
 from ..scene import Scene
 from ..units import DISPLAY
 from ..units import unit_key as unit_key
@@ -150,7 +150,10 @@ def read_field(key: Key, value: Any, where: str) -> Any:
     meta, place = key.field.metadata, f"{where}: {key.key}"
     if "rule" in meta:
         shapes = [str(meta["size"])] if "size" in meta else shapes_of(key.annotation)
-        return read_numbers(value, place, meta["rule"], meta["kind"], shapes)
+        numbers = read_numbers(value, place, meta["rule"], meta["kind"], shapes)
+        if not isinstance(value, list):
+            warn_of_key(place, float(value), meta["kind"], meta["rule"])
+        return numbers
     if meta.get("friction"):
         if isinstance(value, dict):
             return read_module((Friction,), value, f"{where[:-1]}.{key.key}]")

@@ -138,12 +138,18 @@ def question(config: Config) -> dict[str, float]:
         name, kind = keys[key]
         rule = "nonnegative" if name == "pressure" else "finite"
         return {name: float(read_numbers(value, f"{where}: {key}", rule, kind, [""]))}
+    pressure, *others = keys
+    if not config.scene.has_target():
+        raise ConfigError(
+            f"{config.path}: there is nothing to solve for; give {pressure} or an observable, for instance "
+            f"{others[0]}, in [solve]."
+        )
     try:
         config.scene.target()
     except InputError as error:
         raise ConfigError(
-            f"{config.path}: there is nothing to solve for: {str(error).rstrip('.')}; "
-            f"give {unit_key('pressure', 'pressure')} or an observable in [solve]."
+            f"{config.path}: there is nothing to solve for: {str(error).rstrip('.')}; give {pressure} or an observable "
+            "in [solve]."
         ) from None
     return {}
 

@@ -63,7 +63,7 @@ class Sought(NamedTuple):
 
 
 def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> Sought:
-    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: false position (Illinois)."""
+    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: by false position."""
     unit = scene.unit()
     zero = jnp.zeros_like(unit)
     unknown = zero + jnp.nan
