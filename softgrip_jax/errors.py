@@ -6,8 +6,10 @@ room catches it and calls it a mistake of the user's.
 
 from __future__ import annotations
 
+import numbers
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from .units import DISPLAY, SI
 
@@ -39,6 +41,12 @@ class JoinedRuleError(InputError):
 
 class ConfigError(InputError):
     """A mistake in a config or on the command line, in one sentence for people that says where it stands."""
+
+
+def require_whole(name: str, value: Any, least: int) -> None:
+    """An InputError where what is called `name` is not a whole number from `least` on."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
+        raise InputError(f"{name} is {value!r}; it must be a whole number, {least} or more.")
 
 
 @contextmanager

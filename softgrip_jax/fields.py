@@ -27,7 +27,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool
 
 from .display import describe, is_readable
-from .errors import InputError
+from .errors import InputError, require_whole
 from .plausible import Doubt, doubts, warn
 from .reasons import RULE_NAMES
 from .units import SI
@@ -58,9 +58,9 @@ def to_float_array(value: Any) -> Any:
 
 
 def _is_number(value: Any) -> bool:
-    if isinstance(value, np.ndarray):
-        return np.issubdtype(value.dtype, np.number) and not np.iscomplexobj(value)
-    return isinstance(value, jax.Array | numbers.Real) and not isinstance(value, bool | np.bool)
+    if isinstance(value, np.ndarray | jax.Array):
+        return jnp.issubdtype(value.dtype, jnp.floating) or jnp.issubdtype(value.dtype, jnp.integer)
+    return isinstance(value, numbers.Real) and not isinstance(value, bool | np.bool)
 
 
 def _declared(metadata: dict[str, Any], doc: str = "", **kwargs: Any) -> Any:
@@ -150,7 +150,7 @@ def require(name: str, value: Any, rule: str, kind: str) -> Any:
     """`value` as a float array, or a ValueError that names the field, the value and the rule."""
     test, words = RULES[rule][1], wanted(rule, SI[kind])
     array = to_float_array(value)
-    if not isinstance(array, jax.Array):
+    if not (isinstance(array, jax.Array) and jnp.issubdtype(array.dtype, jnp.floating)):
         raise InputError(f"{name} is {value!r}; it must be {words}.")
     if is_concrete(array):
         seen = np.asarray(array)
@@ -198,8 +198,8 @@ def check_fields(module: Checked) -> list[Doubt]:
             raise InputError(f"{where} is {value!r}; it must be one of {words}.")
         elif "names" in meta and not (isinstance(value, tuple) and set(value) <= set(meta["names"])):
             raise InputError(f"{where} is {value!r}; it must be a list of names from {', '.join(meta['names'])}.")
-        elif "least" in meta and not (type(value) is int and value >= meta["least"]):
-            raise InputError(f"{where} is {value!r}; it must be a whole number, {meta['least']} or more.")
+        elif "least" in meta:
+            require_whole(where, value, meta["least"])
         elif "types" in meta and not isinstance(value, meta["types"]):
             names = " or ".join(t.__name__ for t in meta["types"])
             raise InputError(f"{where} is {value!r}; it must be a {names}.")

@@ -4,7 +4,6 @@ Each checks what it is given outside of jit, and hands it to one compiled progra
 
 from __future__ import annotations
 
-import numbers
 from functools import partial
 from typing import Any
 
@@ -12,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .errors import InputError
+from .errors import InputError, require_whole
 from .fields import batched_field, require, to_float_array
 from .numerics.xla import traced_once
 from .results import Solution, stop_gradient_where_failed
@@ -200,8 +199,7 @@ def branch(scene: Scene, n: int = 200) -> Solution:
         True
     """
     scene = _checked(scene)
-    if isinstance(n, bool) or not isinstance(n, numbers.Integral) or n < 2:
-        raise InputError(f"n is {n!r}; it must be a whole number, 2 or more.")
+    require_whole("n", n, 2)
     return _branch(scene, n)
 
 

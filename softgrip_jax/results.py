@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
 
 from .batches import Batched
+from .errors import require_whole
 from .reasons import Reason
 from .units import DISPLAY
 
@@ -112,7 +113,9 @@ class Solution(Batched):
         return said if self.reason.ndim else str(said)
 
     def shape(self, n: int = 101) -> dict[str, Array]:
-        """The deformed shape at n points, as arrays by name (see the scene's ``profile``)."""
+        """The deformed shape at n points, as arrays by name (see the scene's ``profile``); InputError where n is not a
+        whole number, 2 or more."""
+        require_whole("n", n, 2)
         one = partial(_shape, n=n)
         for _ in range(self.status.ndim):
             one = jax.vmap(one)

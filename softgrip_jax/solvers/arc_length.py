@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..equations import PathEquations, residual_and_observables
-from ..errors import InputError
+from ..errors import require_whole
 from ..load_path import Goal, LoadPath, PathEnd, begun, onwards, proportional, start_of, to_coordinate, to_moderate
 from ..numerics.choice import larger
 from ..numerics.continuation import (
@@ -85,8 +85,7 @@ class ArcLength(BranchSolver):
             require_number(f"ArcLength.{name}", getattr(self, name))
         require_number("ArcLength.turn", self.turn, 1.0, "a cosine between 0 and 1")
         require_number("ArcLength.detour", self.detour, 1.0, "a number between 0 and 1")
-        if not (type(self.max_steps) is int and self.max_steps > 0):
-            raise InputError(f"ArcLength.max_steps is {self.max_steps!r}; it must be a whole number, 1 or more.")
+        require_whole("ArcLength.max_steps", self.max_steps, 1)
 
     def find(self, scene: Any, pressure, guess):
         known = scene.explicit(pressure)

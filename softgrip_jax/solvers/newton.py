@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..equations import CurveEquations, residual_and_observables
-from ..errors import InputError
+from ..errors import InputError, require_whole
 from ..numerics.curves import slope_of
 from ..numerics.small_linear import solve_and_sign
 from ..reasons import Reason
@@ -66,8 +66,7 @@ class Newton(Solver):
     def __check_init__(self) -> None:
         for name in ("rtol", "atol"):
             require_number(f"Newton.{name}", getattr(self, name), 1.0, "a number between 0 and 1")
-        if not (type(self.max_steps) is int and self.max_steps > 0):
-            raise InputError(f"Newton.max_steps is {self.max_steps!r}; it must be a whole number, 1 or more.")
+        require_whole("Newton.max_steps", self.max_steps, 1)
         if self.linear_solver is not None:
             import lineax
 

@@ -5,8 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 from conftest import ROOT
+from helpers import shell
 
 import softgrip_jax as sg
 from optim.design import settings
@@ -341,6 +344,30 @@ def test_nothing_is_asked(scene, says, tmp_path, capsys):
     path = tmp_path / "bad.toml"
     path.write_text(GOOD.replace("mass_g = 563", scene).replace("[solve]\npressure_kPa = 15\n", ""))
     assert says in told(["solve", path], capsys)
+
+
+def test_a_scene_without_a_task_of_its_own_is_asked_nothing(tmp_path, capsys):
+    path = tmp_path / "bad.toml"
+    text = GOOD.replace("shell.Grasp", "shell.CylinderContact").partition("[solve]")[0]
+    held = ("mass_g", "friction", "lever", "fingers")
+    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith(held)))
+    said = told(["solve", path], capsys)
+    assert (
+        "there is nothing to solve for; give pressure_kPa or an observable, for instance force_N, in [solve]." in said
+    )
+
+
+@pytest.mark.parametrize("pressure", [jnp.asarray(True), jnp.asarray(1e4 + 1j), np.asarray(True)])
+def test_an_array_that_holds_no_real_number(pressure):
+    with pytest.raises(sg.errors.InputError, match="it must be a finite number, zero or more in Pa"):
+        sg.solve(sg.shell.Free(shell()), pressure)
+
+
+@pytest.mark.parametrize("n", [2.5, 1, True])
+def test_points_of_a_shape_are_counted(n):
+    solution = sg.solve(sg.shell.Free(shell()), 1e4)
+    with pytest.raises(ValueError, match=f"n is {n}; it must be a whole number, 2 or more"):
+        solution.shape(n)
 
 
 def test_files(tmp_path, capsys):

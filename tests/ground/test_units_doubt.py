@@ -104,6 +104,51 @@ def test_the_warning_names_the_line(tmp_path):
     assert "rubber = sg.NeoHookean(mu=175)" in done.stderr
 
 
+CONFIG = """
+[scene]
+type = "shell.FlatContact"
+distance_mm = 5
+[scene.shell]
+a_mm = {a}
+b_mm = 43
+t_m_mm = 1.1
+[scene.shell.material]
+type = "NeoHookean"
+mu_kPa = {mu}
+"""
+
+
+@pytest.mark.parametrize(
+    ("numbers", "says"),
+    [
+        ({"a": 0.016}, "[scene.shell]: a_mm is 0.016, and that is 0.016 mm; did you mean 16?"),
+        ({"mu": 0.175}, "[scene.shell.material]: mu_kPa is 0.175, and that is 0.175 kPa; did you mean 175?"),
+    ],
+)
+def test_a_number_of_a_config_in_a_unit_that_is_a_thousand_times_larger(numbers, says, tmp_path):
+    path = tmp_path / "typed.toml"
+    path.write_text(CONFIG.format(**{"a": 16, "mu": 175} | numbers))
+    with pytest.warns(sg.UnitWarning, match=re.escape(says)) as caught:
+        config.load(path)
+    assert len(caught) == 1
+    path.write_text(CONFIG.format(a=16, mu=1.5))  # a gel
+    config.load(path)
+
+
+def test_a_command_tells_a_warning_in_a_line(tmp_path):
+    path = tmp_path / "typed.toml"
+    path.write_text(CONFIG.format(a=0.016, mu=175))
+    done = subprocess.run(
+        [sys.executable, "-m", "softgrip_jax", "solve", path, "--pressure-kPa", "1"], capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert done.stderr == f"{path}, [scene.shell]: a_mm is 0.016, and that is 0.016 mm; did you mean 16?\n"
+    (row,) = (line for line in done.stdout.splitlines() if line.startswith("│ stretch"))
+    assert row.split("│")[2].strip() == "-"  # of a membrane that touches nothing it is not known here
+    (row,) = (line for line in done.stdout.splitlines() if line.startswith("│ force"))
+    assert row.split("│")[2].strip() == "0 N"
+
+
 # --- an array where a number is expected ------------------------------------------------------------------------------
 
 

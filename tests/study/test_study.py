@@ -711,6 +711,13 @@ def test_a_folder_of_something_else_is_left_alone(config, tmp_path, capsys):
     assert [path.name for path in out.iterdir()] == ["thesis.docx"]
 
 
+def test_a_store_is_a_zarr(config, tmp_path, capsys):
+    small(config, tmp_path)
+    assert run(["sweep", str(config), "--to", str(tmp_path / "x.foo")]) == 2
+    assert "x.foo'; it must be a path that ends in .zarr, or an address (s3://...).\n" in capsys.readouterr().err
+    assert not (tmp_path / "x.foo").exists()
+
+
 def test_the_folder_of_another_run_is_left_alone_where_the_store_is_elsewhere(config, tmp_path, capsys):
     out = small(config, tmp_path)
     to = ["--to", str(out / "mine.zarr"), "--out", str(out)]

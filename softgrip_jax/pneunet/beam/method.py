@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 
-from ...errors import InputError
+from ...errors import InputError, require_whole
 
 if TYPE_CHECKING:
     import diffrax
@@ -20,11 +20,6 @@ POINTS = 16
 
 class BeamMethod(eqx.Module):
     """A method for the beam's equations. Its numbers are static: they are no part of a design."""
-
-
-def _whole(where: str, value: Any, least: int = 1) -> None:
-    if type(value) is not int or value < least:
-        raise InputError(f"{where} is {value!r}; it must be a whole number, {least} or more.")
 
 
 def _positive(where: str, value: Any) -> None:
@@ -54,7 +49,7 @@ class Collocation(BeamMethod):
     points: int = eqx.field(static=True, default=POINTS)
 
     def __check_init__(self) -> None:
-        _whole("Collocation.points", self.points)
+        require_whole("Collocation.points", self.points, 1)
 
 
 def _dopri8() -> Any:
@@ -122,11 +117,11 @@ class Shooting(BeamMethod):
         _positive("Shooting.rtol", self.rtol)
         if self.atol is not None:
             _positive("Shooting.atol", self.atol)
-        _whole("Shooting.segments", self.segments)
-        _whole("Shooting.max_steps", self.max_steps, 2)
-        _whole("Shooting.points", self.points)
+        require_whole("Shooting.segments", self.segments, 1)
+        require_whole("Shooting.max_steps", self.max_steps, 2)
+        require_whole("Shooting.points", self.points, 1)
         if self.steps is not None:
-            _whole("Shooting.steps", self.steps)
+            require_whole("Shooting.steps", self.steps, 1)
 
 
 METHODS = ("collocation", "shooting")

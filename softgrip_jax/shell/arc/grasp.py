@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ...errors import InputError
+from ...errors import InputError, require_whole
 from ...fields import choice, is_concrete, nonnegative, positive
 from ...numerics.choice import smaller
 from ...objects.friction import friction, friction_coefficient, friction_force, required_normal_force
@@ -140,8 +140,7 @@ class Grasp(ShellScene):
     OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"height": "length"} | HOLDING
 
     def __check_init__(self) -> None:
-        if not isinstance(self.fingers, int) or self.fingers < 1:
-            raise InputError(f"Grasp.fingers is {self.fingers!r}; it must be a whole number, 1 or more.")
+        require_whole("Grasp.fingers", self.fingers, 1)
         if self.model == "energy" and self.lever != "exact":
             raise InputError(f"Grasp.lever is {self.lever!r}; with model 'energy' there is only 'exact'.")
 
