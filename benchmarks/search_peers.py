@@ -223,12 +223,13 @@ def compare_front(path: Path) -> dict[str, Any]:
     problem = wanted.problem
     front = pareto(problem, **wanted.arguments)
     peer = Peer(problem, -np.inf, 10**9, np.inf)
+    terms_of = jax.jit(jax.vmap(problem.terms, in_axes=(0, None)))
 
     class Wrapped(Rivals):
         def _evaluate(self, x, out, *args, **kwargs):
             _, violation, shortfall, values = peer.measured(x)
             lost = shortfall > 0
-            terms = np.stack([problem.terms(jnp.asarray(v), peer.scales) for v in values])
+            terms = np.asarray(terms_of(values, peer.scales))
             out["F"] = np.where(lost[:, None], NO_EQUILIBRIUM, terms)
             out["G"] = np.where(lost, 1 + shortfall, violation - FEASIBLE)[:, None]
 

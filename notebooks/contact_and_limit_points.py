@@ -13,8 +13,8 @@
 # %% [markdown]
 # # Contact and limit points
 #
-# A membrane that is inflated freely has a largest pressure. Beyond it no equilibrium exists: that is physics, not a
-# solver that gave up, and a result here, never an exception.
+# A neo-Hookean membrane that is inflated freely has a largest pressure. Beyond it no equilibrium exists: that is
+# physics, not a solver that gave up, and a result here, never an exception.
 
 # %%
 # %matplotlib inline

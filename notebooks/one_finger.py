@@ -103,8 +103,9 @@ figure
 # %% [markdown]
 # ## The simplest model
 #
-# `Linear` is the finger of linear beam theory: explicit, and close to the finite-strain one as long as little
-# happens.
+# `Linear` is the finger of linear beam theory with walls of small strain: explicit, and right for what bends little.
+# Its walls push much harder than the arcs of the thesis's chambers, from the pressure on at which they touch: it is a
+# first guess of a finger, no model of one.
 
 # %%
 linear = jax.vmap(lambda p: sg.solve(sg.pneunet.Linear(finger), p))(jnp.array([20.0, 25.0, 31.0]) * kPa)

@@ -58,7 +58,7 @@ class RoundPad(CurveScene):
     OBSERVABLES = {"force": "force", "contact_radius": "length", "stretch": "number"}
 
     def interval(self):
-        """From where the free cap touches the plane to where the arcs stand upright."""
+        """From where the free cap touches the plane to where the arcs are half circles."""
         return 2 * jnp.arctan(self.distance / self.radius), jnp.pi + 0 * self.radius
 
     def stretch(self, angle):

@@ -13,7 +13,7 @@ import softgrip_jax as sg
 from softgrip_jax import questions
 from softgrip_jax import scene as scene_module
 from softgrip_jax.reasons import RULE_NAMES
-from softgrip_jax.units import N_mm, gram, kPa, mm
+from softgrip_jax.units import gram, kPa, mm
 
 SPREAD = 0.05
 """Designs of a batch: every number of the scene within 5 % of the thesis's."""
@@ -137,6 +137,3 @@ def errors(values: Any, slopes: Any, true: tuple[np.ndarray, np.ndarray]) -> tup
         return float(of_value), float("nan")
     size = np.max(np.abs(slope[:count]), axis=1)
     return float(of_value), float(np.max(np.max(np.abs(slopes[:count] - slope[:count]), axis=1) / size))
-
-
-MOMENT_UNIT = N_mm

@@ -22,7 +22,6 @@ THESIS = {
     "tolerances of the thesis, 120 nodes": Tolerances(),
     "1e-5, 120 nodes": Tolerances(1e-5, 1e-5, 1e-10),
     "1e-7, 480 nodes": Tolerances(1e-7, 1e-7, 1e-11, 480),
-    "1e-9, 1200 nodes": Tolerances(1e-9, 1e-8, 1e-12, 1200),
 }
 SCIPY_RTOL = (1e-4, 1e-6, 1e-8, 1e-10)
 DIFFRAX_RTOL = (1e-4, 1e-6, 1e-8, 1e-10)
@@ -83,7 +82,11 @@ def one_by_one(method: str, setting: str, true: Any, fingers: Any, solve: Any) -
     def run():
         return [solve(f, p) for f, p in fingers]
 
-    error, _ = cases.errors(np.array(run(), float), None, true)
+    found = np.array(run(), float)
+    if not np.all(np.isfinite(found)):  # a time of what has no answer says nothing
+        answered = f"{setting}: {np.sum(np.isfinite(found))} of {len(found)} have an answer"
+        return row("finger tip contact", method, answered)
+    error, _ = cases.errors(found, None, true)
     return row(
         "finger tip contact", method, setting, error=error, seconds=median_seconds(run, repeats=5) / len(fingers)
     )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import statistics
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,15 +25,25 @@ REPEATS = 5
 FIELDS = ("what", "time", "seconds", "cpu_seconds", "peak_memory_MB")
 
 
+SMALL = """
+import json, os, subprocess, sys, time
+began = time.perf_counter()
+process = subprocess.Popen(sys.argv[1:], stdout=subprocess.DEVNULL)
+_, status, use = os.wait4(process.pid, 0)
+seconds = time.perf_counter() - began
+print(json.dumps([os.waitstatus_to_exitcode(status), seconds, use.ru_utime + use.ru_stime, use.ru_maxrss / 1024]))
+"""
+"""What starts a command: the peak memory of a process begins at that of the one that started it."""
+
+
 def run(order: list[str], environment: dict[str, str]) -> tuple[float, float, float]:
     """(seconds on the wall, CPU seconds, peak memory in MB) of a command."""
-    began = time.perf_counter()
-    process = subprocess.Popen(order, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
-    _, status, use = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        raise RuntimeError(f"{' '.join(order)} ended with {process.returncode}")
-    return time.perf_counter() - began, use.ru_utime + use.ru_stime, use.ru_maxrss / 1024
+    starter = [sys.executable, "-S", "-c", SMALL, *order]
+    done = subprocess.run(starter, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    code, *numbers = json.loads(done.stdout)
+    if code:
+        raise RuntimeError(f"{' '.join(order)} ended with {code}")
+    return tuple(numbers)
 
 
 def measure(quick: bool) -> Iterator[dict[str, Any]]:

@@ -16,6 +16,10 @@ NODES = 120
 """Section 5.2."""
 
 
+MAX_NODES = 20_000
+"""Of SciPy's solve_bvp, which has 1,000 by itself: fewer than small tolerances need."""
+
+
 class Tolerances(NamedTuple):
     """Of a run: the change of theta that ends the alternation, of the boundary-value problem, and of fsolve."""
 
@@ -161,9 +165,16 @@ def finger(
             return np.array([ya[0], ya[2], yb[1] + moment, *held_at])
 
         if held is None:
-            found = solve_bvp(lambda x, y: slopes(x, y, []), lambda a, b: ends(a, b, []), X, y, tol=tolerances.bvp)
+            found = solve_bvp(
+                lambda x, y: slopes(x, y, []),
+                lambda a, b: ends(a, b, []),
+                X,
+                y,
+                tol=tolerances.bvp,
+                max_nodes=MAX_NODES,
+            )
         else:
-            found = solve_bvp(slopes, ends, X, y, p=unknown, tol=tolerances.bvp)
+            found = solve_bvp(slopes, ends, X, y, p=unknown, tol=tolerances.bvp, max_nodes=MAX_NODES)
             unknown = found.p
         y = found.sol(X)
         px, qy = loads(X, unknown[0])

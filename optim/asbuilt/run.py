@@ -269,6 +269,8 @@ def report(
         off = abs(now / was - 1) / one.tolerance
         if off > 2:
             console.print(f"{number.key} is {off:.1f} tolerances from the drawing.", soft_wrap=True)
+    for remark in known.remarks:
+        console.print(remark, soft_wrap=True, highlight=False)
     if helps:
         words = ", ".join(f"{name} {value:+.2f} %" for name, _, value in helps[:MOST_NAMED])
         console.print(

@@ -6,9 +6,12 @@ are normal about what x says. The most probable x is found by Gauss and Newton's
     C = (C_0^-1 + J^T S^-1 J)^-1
 
 is its covariance, with the derivatives J of all that was measured and the variances S of their errors. Curves are then
-fitted with x held, and the covariance of the moduli is that of the joint problem, in which C is what is known of x.
+fitted with x held: they tell of the moduli theta alone, for a model that is a little wrong would move dimensions that
+were measured. The fit moves with x by G = -(R_t^T R_t)^-1 R_t^T R_x, with the derivatives R of the curves over their
+noise, so that the covariances are C of x, (R_t^T R_t)^-1 + G C G^T of theta, and G C of both.
 
-Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed., section 14 (normal linear models); thesis 6.2 for the curves.
+Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed., section 14 (normal linear models); M. Plummer 2015, Cuts in
+Bayesian graphical models, Stat. Comput. 25, 37-43; thesis 6.2 for the curves.
 """
 
 from __future__ import annotations
@@ -24,8 +27,9 @@ from softgrip_jax import cad
 from softgrip_jax.errors import InputError
 from softgrip_jax.units import gram
 
-from ..calibration.fit import Fit, finished, require_data, with_noise
+from ..calibration.fit import Fit, finished, reached, require_data
 from ..calibration.model import Fitting
+from ..calibration.report import misfit, on_bounds
 from ..space import to_free
 from .settings import Settings
 
@@ -35,6 +39,8 @@ ROUNDS = 4
 """Of Gauss and Newton's method: masses are nearly linear within a tolerance."""
 CONFLICT = 3.5
 """Standard deviations by which a mass and the readings may differ: one pair in two thousand does by chance."""
+ANOTHER = 10.0
+"""Standard deviations from the drawing from which readings are of something else: no workshop is so far off."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,6 +52,7 @@ class AsBuilt:
         covariance: of the numbers as built, SI.
         fit: of the curves with the numbers held; None without curves.
         fit_covariance: of the numbers and then the parameters of the fit, jointly, SI; None without curves.
+        remarks: sentences about the fit.
     """
 
     drawn: np.ndarray
@@ -53,6 +60,8 @@ class AsBuilt:
     covariance: np.ndarray
     fit: Fit | None = None
     fit_covariance: np.ndarray | None = None
+    remarks: tuple[str, ...] = ()
+    """Of the fit, sentences."""
 
     @property
     def deviations(self) -> np.ndarray:
@@ -93,6 +102,7 @@ def updated(settings: Settings, masses: Callable[[Settings, np.ndarray], dict[st
             unit = np.zeros(len(drawn))
             unit[k] = 1.0
             deviation = one.uncertainty * number.unit / np.sqrt(len(one.values))
+            _require_readings(one, number, float(drawn[k]))
             rows.append((unit, float(np.mean(one.values)) * number.unit, deviation))
     prior = np.diag((np.array([one.tolerance for one in table.numbers]) * drawn) ** -2.0)
     read, C = _best(drawn, prior, rows)
@@ -113,6 +123,24 @@ def updated(settings: Settings, masses: Callable[[Settings, np.ndarray], dict[st
             weighed.append((slope, one.value_g * gram - found + slope @ x, error))
         x, C_new = _best(drawn, prior, [*rows, *weighed])
     return AsBuilt(drawn, x, C_new)
+
+
+def _require_readings(one: Any, number: Any, drawn: float) -> None:
+    """InputError where the readings of a number differ by more than they can, or are of something else."""
+    values = np.array(one.values)
+    off = float(np.max(np.abs(values - np.median(values))))
+    if off > CONFLICT * np.sqrt(2) * one.uncertainty:
+        raise InputError(
+            f"The readings of {number.key}, {', '.join(f'{v:g}' for v in values)}, differ by {off:g}, and their "
+            f"uncertainty is {one.uncertainty:g}; one of them is wrong, or the uncertainty."
+        )
+    mean, was = float(np.mean(values)), drawn / number.unit
+    spread = np.hypot(one.uncertainty / np.sqrt(len(values)), one.tolerance * was)
+    if abs(mean - was) > ANOTHER * spread:
+        raise InputError(
+            f"The readings of {number.key} say {mean:g} where {was:g} is drawn, {abs(mean - was) / spread:.0f} times "
+            "what uncertainty and tolerance allow; is it another number, or another unit?"
+        )
 
 
 def _best(
@@ -168,10 +196,17 @@ def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
     t = fitting.space.inside(fitting.space.to_unit(start))
     member = fitting.member(to_free(t), free=free)
     member = member._replace(start=fitting.fit_member_jit(member).u)
-    member = with_noise(fitting, member)
-    fit = finished(fitting, member)
+    member, dropped = reached(fitting, member, own.space.size)
+    fit = finished(fitting, member, dropped)
     sigma = np.asarray(fit.member.sigma)[fitting.of_curve]
     rows = np.asarray(fit.predicted.slopes) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
-    information = rows.T @ rows
-    information[:count, :count] += np.linalg.inv(known.covariance)
-    return dataclasses.replace(known, fit=fit, fit_covariance=np.linalg.inv(information))
+    by_x, by_theta = rows[:, :count], rows[:, count:]
+    information = by_theta.T @ by_theta
+    if np.linalg.matrix_rank(information) < len(information):
+        names = " and ".join(own.space.names)
+        raise InputError(f"The curves do not determine {names}: hold one, or measure something else.")
+    alone, C = np.linalg.inv(information), known.covariance
+    G = -alone @ by_theta.T @ by_x
+    joint = np.block([[C, C @ G.T], [G @ C, alone + G @ C @ G.T]])
+    remarks = (*fit.notes, *on_bounds(fit), *misfit(fit))
+    return dataclasses.replace(known, fit=fit, fit_covariance=joint, remarks=remarks)

@@ -136,6 +136,11 @@ def columns_of(text: str, path: Path, columns: Sequence[Column]) -> tuple[np.nda
     rows: list[list[float]] = []
     for number, cells in lines:
         values = []
+        if any(cell.strip() for cell in cells[len(header) :]):
+            raise ConfigError(
+                f"{path}, line {number}: there are {len(cells)} cells, and the header has {len(header)}; write "
+                "decimals with a point, and one cell for each column."
+            )
         for column in columns:
             place = header.index(column.name)
             text = cells[place].strip() if place < len(cells) else ""

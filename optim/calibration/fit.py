@@ -274,15 +274,28 @@ def calibrate(
     member = members[best]._replace(start=jnp.asarray(off_bounds(fitting, tried.u[best])))
     notes = _other_minima(fitting, tried, best, canonical)
     report("noise")
-    member = with_noise(fitting, member)
-    member, dropped = _without_lost_points(fitting, member)
-    if int(member.weight.sum()) <= space.size:
-        why = implausible(fitting) or ["the pressures of the others are beyond the limit point of the model."]
-        raise InputError(
-            f"{int(member.weight.sum())} of {int(fitting.weight.sum())} points have an equilibrium within the bounds, "
-            f"too few for a fit: {why[0]}"
-        )
+    member, dropped = reached(fitting, member, space.size)
     return finished(fitting, member, (*notes, *dropped))
+
+
+def reached(fitting: Fitting, member: FitMember, parameters: int) -> tuple[FitMember, list[str]]:
+    """The member with its noises, without the points that the model does not reach, and sentences about them.
+
+    Raises:
+        InputError: where too few are left for so many parameters.
+    """
+    asked = int(np.asarray(member.weight).sum())
+    member, dropped = _without_lost_points(fitting, with_noise(fitting, member))
+    left = int(member.weight.sum())
+    if left <= parameters:
+        why = implausible(fitting) or ["where the fit ends the others lie beyond the limit point of the model."]
+        raise InputError(f"{left} of {asked} points have an equilibrium within the bounds, too few for a fit: {why[0]}")
+    if 2 * left < asked:
+        dropped.append(
+            f"The model reaches {left} of {asked} points: the fit stands on the smaller part of what was measured, "
+            "next to where the model ends, and its intervals say nothing of that."
+        )
+    return member, dropped
 
 
 def finished(fitting: Fitting, member: FitMember, notes: Sequence[str] = ()) -> Fit:
@@ -423,6 +436,12 @@ def implausible(fitting: Fitting) -> list[str]:
             )
         values, ok = np.asarray(response.values)[of], np.asarray(response.ok)[of]
         there = ok & (values != 0) & (curve.y != 0)
+        if there.any() and np.all(curve.y[there] * values[there] < 0):
+            said.append(
+                f"{curve.name}: {curve.label} has the other sign than the model's at the values as given; is its "
+                "direction right?"
+            )
+            continue
         if there.any():
             ratio = float(np.median(np.abs(curve.y[there] / values[there])))
             if not 1 / WRONG_UNIT < ratio < WRONG_UNIT:

@@ -86,11 +86,12 @@ def examine(
         return Findings(fit, tuple(found), without, specimens, (), (*fit.notes, STOPPED), stopped=True)
     remarks = [note for curve in fit.fitting.curves for note in curve.notes]
     remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
-    held, correlated = _on_bounds(fit), _correlated(fit, directions)
-    remarks += [*held, *_misfit(fit), *correlated, *_spread(fit, specimens)]
+    held, correlated = on_bounds(fit), _correlated(fit, directions)
+    remarks += [*held, *misfit(fit), *correlated, *_spread(fit, specimens)]
     remarks += [direction.sentence() for direction in directions]
     open_ended = any(not np.all(np.isfinite([one.low, one.high])) for one in found)
-    if not (directions or held or correlated or open_ended):
+    mostly_lost = 2 * int(fit.used.sum()) < int(np.sum(fit.fitting.weight))
+    if not (directions or held or correlated or open_ended or mostly_lost):
         remarks.append(
             "The data determine every parameter." if fit.fitting.space.size > 1 else "The data determine the parameter."
         )
@@ -183,7 +184,8 @@ def _short(value: float, curve: Curve) -> str:
 # --- verdicts ---------------------------------------------------------------------------------------------------------
 
 
-def _on_bounds(fit: Fit) -> list[str]:
+def on_bounds(fit: Fit) -> list[str]:
+    """A sentence about each parameter that a bound holds."""
     space = fit.fitting.space
     held = [space.names[j] for j in np.flatnonzero(fit.on_bound)]
     return [f"{name} is held by a bound: widen it, or ask whether the model or a unit is wrong." for name in held]
@@ -203,7 +205,8 @@ def autocorrelation(fit: Fit, k: int) -> float:
     return top / bottom if bottom > 0 else 0.0
 
 
-def _misfit(fit: Fit) -> list[str]:
+def misfit(fit: Fit) -> list[str]:
+    """Sentences about curves that the model does not follow to within their noise."""
     said = []
     for k, curve in enumerate(fit.fitting.curves):
         count = int((fit.used & (fit.fitting.of_curve == k)).sum())

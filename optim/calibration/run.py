@@ -59,7 +59,10 @@ def run_calibrate(
 ) -> Path:
     """Fit as the config says, print what was found, and return the folder that holds it; Ctrl-C as in `run_design`.
     spread: who does the fits of the bootstrap in place of this process. with_posterior: whatever the config says."""
-    if "tension" in configs.read_sections(config):
+    sections = configs.read_sections(config)
+    if {"tension", "calibrate"} <= set(sections):
+        raise ConfigError(f"{config} has [tension] and [calibrate]; one run does one of them.")
+    if "tension" in sections:
         if spread is not None:
             raise ConfigError(f"{config}, [tension]: its fits are few and run in one process; leave out --workers.")
         return run_tension(config, out, console, with_posterior)

@@ -257,7 +257,13 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
     """x, y, specimen, specimens and notes of a Curve from one file, or from one per specimen."""
     files = [file] if isinstance(file, str) else file
     if not files:
-        raise ConfigError(f"Curve {name!r}: its list of files is empty.")
+        raise ConfigError(f"The list of files of curve {name!r} is empty; it must name one or more.")
+    if len({(folder / one).resolve() for one in files}) < len(files):
+        raise ConfigError(f"Curve {name!r} names a file twice; a specimen counts once.")
+    if x.name == y.name:
+        raise ConfigError(
+            f"Curve {name!r} takes the column {x.name!r} twice, for what is set and for what is measured."
+        )
     parts, notes = [], []
     for one in files:
         data, said = read_columns(folder / one, [x, y])

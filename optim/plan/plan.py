@@ -155,7 +155,7 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
         shares,
         chosen,
         spaced,
-        _open(settings, row[0], place, costs),
+        _open(settings, np.where((most > 0)[:, None], row[0], 0.0), place, costs),
         None,
     )
     if about is None or settings.decision is None:
@@ -194,8 +194,8 @@ def _open(settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarra
     names = [number.key for number in settings.numbers]
     found = []
     for k, one in enumerate(settings.measurements):
-        if one.curve is not None:
-            own = rows[of == k]
+        own = rows[of == k]
+        if one.curve is not None and np.any(own):
             found += [
                 Open(one.table.name, *words, _remedies(settings, rows, of, costs, k, direction))
                 for direction, words in _unknown(names, own)

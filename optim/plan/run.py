@@ -191,6 +191,8 @@ def draw(plan: Plan, path: Path) -> None:
         if one.curve is None:
             continue
         own = np.flatnonzero((plan.of == m) & (plan.shares > 0))
+        if not len(own):
+            continue
         told = np.array([_expected(plan, int(k)) for k in own])
         is_test = one.table.strains is not None
         x = plan.x[own] if is_test else plan.x[own] / DISPLAY["pressure"][1]

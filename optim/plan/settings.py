@@ -236,8 +236,10 @@ def _measurement(
         config.scenes, models, table.scene, table.quantity, is_test, place
     )
     x = np.array(table.strains if is_test else [1e3 * p for p in table.pressures_kPa or []], float)
+    typed = table.strains if is_test else table.pressures_kPa or []
     if np.any(x <= 0) or not np.all(np.isfinite(x)):
-        raise ConfigError(f"{place}: every pressure and strain must be above zero; the least is {x.min():g}.")
+        unit = "" if is_test else " kPa"
+        raise ConfigError(f"{place}: every pressure and strain must be above zero; the least is {min(typed):g}{unit}.")
     if len(np.unique(x)) < len(x):
         raise ConfigError(f"{place} names a pressure or strain twice; say repeats = 2 to measure each twice.")
     noise = table.noise * _factor(table, kind, place)

@@ -131,6 +131,8 @@ def run_of(name: str, found: Posterior) -> Run:
 def run_evidence(paths: Sequence[Path], as_json: bool, console: Console) -> dict[str, Any]:
     """Compare the runs and print it; plain data of it."""
     names = [str(path) for path in paths]
+    if len({path.resolve() for path in paths}) < len(paths):
+        raise ConfigError(f"One run is named twice among {', '.join(names)}; a run differs from itself by nothing.")
     found = compared([read_run(path, name) for path, name in zip(paths, names, strict=True)])
     if not as_json:
         report(found, console)

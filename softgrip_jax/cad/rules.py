@@ -73,7 +73,7 @@ class ManufactureTable(Table):
     less than 0.001 in/in."""
 
     # The silicone.
-    density_g_per_cm3: Length = 1.08
+    density_g_per_cm3: Annotated[float, pydantic.Field(gt=0, le=25, strict=False)] = 1.08
     """Specific gravity 1.08 in Smooth-On's data sheet of Dragon Skin 20 and 30."""
     parts_a_to_b: Length = 1.0
     """Mass of part A over that of part B (1A:1B in the data sheet)."""

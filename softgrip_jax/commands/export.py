@@ -48,7 +48,7 @@ def run_export(
             status.update("solving the scene")
             expected = expectations(read)
             status.update("drawing")
-            pictures = draw_all(folder, export)
+            pictures = draw_all(folder, export, cad.growth(table))
         title = f"{read.path.stem}: {export.kind}"
         content = cad.sheet(export, table, checks, expected, pictures, cad.growth(table))
         (folder / "sheet.html").write_text(cad.as_html(title, content), encoding="utf-8")
@@ -151,18 +151,18 @@ def expectations(read: Any) -> list[tuple[str, str]]:
     return rows
 
 
-def draw_all(folder: Path, export: Any) -> list[str]:
-    """A picture of the parts and one of each mould; their names."""
+def draw_all(folder: Path, export: Any, scale: int | float) -> list[str]:
+    """A picture of the parts and one of each mould, larger by `scale` as it is printed; their names."""
     from ..cad import solids
     from ..plots.solids import solids_figure
 
-    rows = {"parts": (export.pieces, "")}
-    rows |= {f"mould_{mould.name}": (mould.pieces, f"mould of the {mould.casts}") for mould in export.moulds}
+    rows = {"parts": (export.pieces, "", 1.0)}
+    rows |= {f"mould_{mould.name}": (mould.pieces, f"mould of the {mould.casts}", scale) for mould in export.moulds}
     names = []
-    for name, (pieces, title) in rows.items():
+    for name, (pieces, title, factor) in rows.items():
         shown = []
         for one in pieces:
-            solid = solids.turned(one.solid) if one.hangs else one.solid
+            solid = solids.scaled(solids.turned(one.solid) if one.hangs else one.solid, factor)
             words = f"{one.name}, turned over" if one.hangs else one.name
             shown.append((words, solids.triangles(solid), solids.edges(solid)))
         solids_figure(shown, title).savefig(folder / f"{name}.png", dpi=110)

@@ -25,10 +25,11 @@ class traced_once:
     is therefore not found there: custom rules and loops are traced once more, a fifth of a batch's tracing and a
     quarter of a derivative's (jax 0.10.1). Here the mesh that holds is set from the beginning.
 
-    options: as of jax.jit.
+    options: as of jax.jit. `__wrapped__` is the function itself, as of whatever functools wraps.
     """
 
     def __init__(self, function: Callable[..., Any], **options: Any):
+        self.__wrapped__ = function
         self.program = jax.jit(function, **options)
         for name in ("__module__", "__name__", "__qualname__", "__doc__"):
             setattr(self, name, getattr(function, name, None))

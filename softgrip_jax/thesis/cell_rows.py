@@ -14,7 +14,7 @@ from .cell import PRESSURES, ByCell, has_limit_point, last_pressure, place, touc
 from .finger_rows import largest_stretch
 from .fingers import AT_21, AT_31, RADII, Fingers
 from .rows import Row
-from .shells import rising
+from .shells import all_rising, rising
 
 P_11, P_21, P_31, P_41 = (place(p * kPa) for p in (11, 21, 31, 41))
 
@@ -207,7 +207,7 @@ def _trends(found: Fingers, by_cell: ByCell) -> dict[tuple[str, str], Beside]:
         ("figures 6.14-6.16", "fingers of 66, 78, 90 mm bend alike, the longer the more (31 kPa)"): Beside(
             "; ".join(f"{k} {_listed(row, 'angle')}" for k, row in lengths.items()),
             _span(list(lengths.values()), old_lengths),
-            _holds(all(_all_rising(row) for row in lengths.values())),
+            _holds(all(all_rising(row) for row in lengths.values())),
         ),
         (
             "figure 6.17",
@@ -222,14 +222,9 @@ def _trends(found: Fingers, by_cell: ByCell) -> dict[tuple[str, str], Beside]:
         ("figure 6.22", "the model applies to fingers of 66, 78, 90 mm; the longer press less (31 kPa)"): Beside(
             "; ".join(f"{k} {_listed(row, 'force')}" for k, row in forces.items()),
             _span(list(forces.values()), old_forces),
-            _holds(all(_all_rising(-row) for row in forces.values())),
+            _holds(all(all_rising(-row) for row in forces.values())),
         ),
     }
-
-
-def _all_rising(values: np.ndarray) -> bool:
-    """Rising, and every one of them there."""
-    return bool(np.all(np.isfinite(values))) and rising(values)
 
 
 def _limits(by_cell: ByCell) -> Beside:
@@ -242,7 +237,7 @@ def _limits(by_cell: ByCell) -> Beside:
         folds = {name: last_pressure(end) for name, end in names.items() if has_limit_point(end)}
         said.append(f"{kind} " + ", ".join(_limit(end) for end in names.values()))
         if len(folds) == len(offsets):
-            falling.setdefault(_holds(_all_rising(-np.array(list(folds.values())))), []).append(kind)
+            falling.setdefault(_holds(all_rising(-np.array(list(folds.values())))), []).append(kind)
         ended: dict[str, list[str]] = {}
         for name in names:
             if name not in folds:

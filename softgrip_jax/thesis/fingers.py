@@ -31,7 +31,7 @@ STEP = 1 * kPa
 """Of the thesis's algorithm 7, which raises the pressure before it tests: the printed pressure, a whole number of kPa,
 is above the needed one by more than nothing and by two steps at most. Its step is not printed."""
 RADII = {
-    "hexagonal cylinder": np.linspace(10, 13.5, 8) * mm,
+    "hexagonal cylinder": np.linspace(6, 13.5, 16) * mm,
     "3-face cone": np.linspace(3, 14, 8) * mm,
     "circular cone": np.linspace(10, 26, 8) * mm,
 }

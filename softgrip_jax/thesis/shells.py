@@ -256,6 +256,11 @@ def rising(values: Any) -> bool:
     return bool(np.all(np.diff(values[np.isfinite(values)]) > 0))
 
 
+def all_rising(values: Any) -> bool:
+    """Rising, and every one of them there."""
+    return bool(np.all(np.isfinite(np.asarray(values)))) and rising(values)
+
+
 def touching(solution: Solution) -> np.ndarray:
     return np.asarray(solution.status) == 0
 

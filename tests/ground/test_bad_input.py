@@ -363,7 +363,7 @@ def test_an_array_that_holds_no_real_number(pressure):
         sg.solve(sg.shell.Free(shell()), pressure)
 
 
-@pytest.mark.parametrize("n", [2.5, 1, True])
+@pytest.mark.parametrize("n", [1, -3, True])
 def test_points_of_a_shape_are_counted(n):
     solution = sg.solve(sg.shell.Free(shell()), 1e4)
     with pytest.raises(ValueError, match=f"n is {n}; it must be a whole number, 2 or more"):
