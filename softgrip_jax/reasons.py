@@ -16,7 +16,8 @@ from .units import DISPLAY
 FIRST_RULE = 100
 """Reasons from here on are rules."""
 FIRST_RANGE = 200
-"""Rules from here on say how far a law is known. Searches keep them; a state beyond has its answer, with a warning."""
+"""Rules from here on say how far a law is known, and what can be moulded. Searches keep them; a state beyond has its
+answer, with a remark."""
 
 BROKEN = 1e-6
 """A rule counts as broken when its margin is below minus this (m): a thousandth of what a mould can hold, and far above
@@ -74,10 +75,13 @@ class Reason(enum.IntEnum):
     CLEAR_OF_GROUND = 110
     MEMBRANE_CLEAR_AT_REST = 111
     MEMBRANE_ABOVE_CLAMP = 112
+    MEMBRANES_APART = 113
     TIP_IN_REACH = 120
     COVER_BEARS_PULL = 121
 
     CELL_LAW_RANGE = 200
+    WALL_LAW_RANGE = 201
+    MOULD_RANGE = 202
 
     @property
     def rule(self) -> str | None:
@@ -265,6 +269,16 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "a dimension is {} outside of what the cell law was fitted to",
         "a dimension is outside of what the cell law was fitted to",
     ),
+    Reason.WALL_LAW_RANGE: (
+        "length",
+        "a chamber's wall is {} too high for its width or too thick for its height: the laws of walls are not for that",
+        "a chamber's wall is higher than wide or thick for its height: the laws of walls are not for that",
+    ),
+    Reason.MOULD_RANGE: (
+        "length",
+        "what is left of a chamber's air or side walls is {} less than a mould and liquid silicone can do",
+        "what is left of a chamber's air or side walls is less than a mould and liquid silicone can do",
+    ),
     Reason.FINGERS_APART: ("length", "neighbouring fingers overlap by {}", "neighbouring fingers overlap"),
     Reason.FINGERS_APART_AT_REST: (
         "length",
@@ -285,6 +299,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "length",
         "the membrane bulges {} too far back through the plane of its clamp",
         "the membrane bulges back through the plane of its clamp",
+    ),
+    Reason.MEMBRANES_APART: (
+        "length",
+        "the membranes of opposite shells pass through each other beside the cylinder: each is {} beyond the middle",
+        "the membranes of opposite shells pass through each other beside the cylinder",
     ),
 }
 

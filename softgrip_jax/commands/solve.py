@@ -155,6 +155,7 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     from ..config.modules import type_name
     from ..pneunet.grasp import Grasp, _largest_mass
     from ..questions import _limit_pressure, to_limit
+    from ..reasons import BROKEN, Reason
     from ..results import Status, in_units
     from ..tables import Table
 
@@ -174,6 +175,11 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     if int(solution.status) == Status.BEYOND_LIMIT:
         table.add_row("limit pressure", in_units(kept(_limit_pressure, to_limit(scene)), "pressure"))
     console.print(table)
+    for name, margin in solution.margins.items():
+        # Of the cell law the table of both drives says it, with the dimension.
+        if name != "cell_law_range" and not Reason[name.upper()].forbids and float(margin) < -BROKEN:
+            sentence = Reason[name.upper()].text(float(margin))
+            console.print(f"{sentence[0].upper()}{sentence[1:]}.", soft_wrap=True, markup=False)
 
 
 def report_drives(solution: Solution, beside: Solution, console: Console) -> None:

@@ -4,6 +4,7 @@ from ..names import listing as _listing
 from .friction import Friction as Friction
 from .friction import FrictionLaw as FrictionLaw
 from .friction import FrictionTable as FrictionTable
+from .friction import OnSlope as OnSlope
 from .friction import friction as friction
 from .friction import friction_coefficient as friction_coefficient
 from .friction import friction_force as friction_force

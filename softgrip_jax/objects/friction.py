@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 
 from ..errors import InputError
 from ..fields import Checked, is_concrete, nonnegative, positive, to_float_array
+from ..numerics.choice import larger
 from ..numerics.curves import first_crossing, scan_curve
 from ..numerics.implicit import implicit
 
@@ -140,6 +141,40 @@ def friction_coefficient(friction: Any, force: Scalar) -> Scalar:
     return friction(force) if isinstance(friction, Friction) else friction
 
 
+class OnSlope(Friction):
+    """What a tip lifts over the force with which it presses inwards, on a face that leans.
+
+    A tip presses with F towards the axis and lifts V. On a face at the angle beta to the ground that is N = F sin(beta)
+    - V cos(beta) across it and T = F cos(beta) + V sin(beta) along it, and T = mu_f N at most, so that
+
+        V / F = (mu_f sin(beta) - cos(beta)) / (sin(beta) + mu_f cos(beta)):
+
+    mu_f of an upright face, and nothing at all where mu_f tan(beta) is 1 or less. mu_f is taken at the force F.
+
+    Args:
+        friction: mu_f of the surfaces, dimensionless, a number or a `Friction`.
+        sine, cosine: of beta, dimensionless.
+
+    Raises:
+        InputError: where sine or cosine is negative (outside of jit).
+
+    Source: statics, as of a wedge; the thesis (5.2.3) leaves N's downward part out, and finds V / F = mu_f sin^2(beta).
+
+    Examples:
+        >>> steep = sg.objects.OnSlope(jnp.asarray(1.0), jnp.asarray(0.8), jnp.asarray(0.6))
+        >>> print(f"{steep(jnp.asarray(2.0)):.4f}")  # (0.8 - 0.6) / (0.8 + 0.6)
+        0.1429
+    """
+
+    friction: Any = eqx.field()
+    sine: Scalar = nonnegative("number")
+    cosine: Scalar = nonnegative("number")
+
+    def __call__(self, force: Scalar) -> Scalar:
+        mu = friction_coefficient(self.friction, force)
+        return larger((mu * self.sine - self.cosine) / (self.sine + mu * self.cosine), 0.0)
+
+
 def friction_force(friction: Any, force: Scalar) -> Scalar:
     """The largest tangential force that a normal force holds, mu_f(F) F.
 
@@ -180,7 +215,8 @@ def required_normal_force(friction: Any, load: Scalar) -> Scalar:
         2.0000 N
     """
     if not callable(friction):
-        return load / friction
+        holds = jnp.asarray(friction) > 0
+        return jnp.where(holds, load / jnp.where(holds, friction, 1.0), jnp.where(load > 0, jnp.inf, 0.0))
 
     def short(log_force, args):
         friction, load = args

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..fields import Checked, nonnegative, positive
-from .friction import Scalar, friction
+from .friction import Friction, OnSlope, Scalar, friction
 
 
 class Object(Checked):
@@ -34,9 +34,17 @@ class Object(Checked):
     def radius_at(self, height: Scalar) -> Scalar:
         """Distance (m) of the surface that a tip touches from the axis, at a height (m) above the base."""
 
-    def slope_factor(self) -> Scalar:
-        """How much more normal force inclined faces need: 1 for upright ones, 1/sin^2 of the base angle for cones."""
-        return jnp.ones_like(self.mass)
+    def slope(self) -> tuple[Scalar, Scalar]:
+        """(sine, cosine) of the angle between the touched face and the ground: (1, 0) where it is upright."""
+        return jnp.ones_like(self.mass), jnp.zeros_like(self.mass)
+
+    def lift(self) -> Any:
+        """What a tip lifts over the force with which it presses inwards: mu_f of upright faces, less of those that lean
+        (`friction.OnSlope`); a number, or a `Friction` where mu_f is one."""
+        if not self.tapers:
+            return self.friction
+        on_slope = OnSlope(self.friction, *self.slope())
+        return on_slope if isinstance(self.friction, Friction) else on_slope(jnp.zeros_like(self.mass))
 
     @property
     def tapers(self) -> bool:
@@ -104,10 +112,9 @@ class HexagonalCylinder(Object):
 class Taper(Object):
     """A solid that narrows linearly from its base to a point.
 
-    radius_at(z) = base_radius (1 - z / height). Inclined faces need a normal force that is larger by 1 / sin^2(beta),
-    beta the angle of the face at the base.
+    radius_at(z) = base_radius (1 - z / height). Tips lift less on its faces, which push them up: see `lift`.
 
-    Source: thesis 5.2.3.
+    Source: thesis 5.2.3; `friction.OnSlope` in place of its 1 / sin^2 of the base angle.
 
     Examples:
         >>> issubclass(sg.objects.Cone, sg.objects.Taper)
@@ -124,9 +131,9 @@ class Taper(Object):
     def radius_at(self, height):
         return self.base_radius() * (1 - height / self.height)
 
-    def slope_factor(self):
-        """1 / sin^2(beta), beta the base angle of the face (thesis 5.2.3)."""
-        return 1 + (self.base_radius() / self.height) ** 2
+    def slope(self):
+        side = jnp.hypot(self.height, self.base_radius())
+        return self.height / side, self.base_radius() / side
 
     @property
     def tapers(self):
@@ -149,8 +156,8 @@ class Cone(Taper):
 
     Examples:
         >>> cone = sg.objects.Cone(radius=20 * mm, height=40 * mm, mass=20 * gram, friction=0.9)
-        >>> print(f"{cone.radius_at(10 * mm) / mm:.1f} mm, {cone.slope_factor():.2f}")  # 1 + (20/40)^2
-        15.0 mm, 1.25
+        >>> print(f"{cone.radius_at(10 * mm) / mm:.1f} mm, {cone.lift():.2f}")  # (0.9 * 2 - 1) / (2 + 0.9)
+        15.0 mm, 0.28
     """
 
     radius: Scalar = positive("length")

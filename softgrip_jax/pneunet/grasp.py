@@ -117,7 +117,7 @@ class Grasp(FingerScene):
     Observables:
         - tip_force: of each tip on the object, N.
         - required_force: F_ext, N; inf where no force does it.
-        - security: mu_f(F) F over the load, dimensionless: 1 is just held.
+        - security: what friction lifts over the load, mu_f(F) F of upright faces, dimensionless: 1 is just held.
         - tip: (x, y) of the mid-line's end, m, shape (2,).
         - tip_angle: turn of the tip, rad, positive in the bending direction.
         - end_moment: M_T, N m, positive in the bending direction.
@@ -181,10 +181,6 @@ class Grasp(FingerScene):
         """What each tip carries along +x, N: m g / n."""
         return self.object.mass * GRAVITY / self.gripper.n
 
-    def load(self) -> Scalar:
-        """What friction must carry at each tip, N: m g / n, more on inclined faces."""
-        return self.pull() * self.object.slope_factor()
-
     def offset_at(self, x: Scalar, angle: Scalar | float = 0.0) -> Scalar:
         """The y (m) of the mid-line's end at x (m) and with the direction theta = angle (rad) where the tip touches."""
         if self.tip_offset is not None:
@@ -240,11 +236,11 @@ class Grasp(FingerScene):
 
     def residual_and_observables(self, unknowns, load_factor, pressure):
         residual, observed = super().residual_and_observables(unknowns, load_factor, pressure)
-        load = self.load()
+        load, lift = self.pull(), self.object.lift()
         loaded = load > 0
-        carried = friction_force(self.object.friction, observed["tip_force"])
+        carried = friction_force(lift, observed["tip_force"])
         return residual, observed | {
-            "required_force": required_normal_force(self.object.friction, load),
+            "required_force": required_normal_force(lift, load),
             "security": jnp.where(loaded, carried / jnp.where(loaded, load, 1.0), jnp.inf),
         }
 
@@ -265,8 +261,8 @@ def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
     def slack(scene, mass, unknowns):
         """Required minus exerted force over EI / L^2: rises through zero at the largest mass."""
         with_mass = scene.with_mass(mass)
-        exerted = friction_force(scene.object.friction, unknowns[0] * scene.held_unit())
-        return (with_mass.load() - exerted) / scene.held_unit()
+        exerted = friction_force(scene.object.lift(), unknowns[0] * scene.held_unit())
+        return (with_mass.pull() - exerted) / scene.held_unit()
 
     light = fixed.with_mass(jnp.zeros_like(unit))
     empty = light.solver().find(light, p, None)

@@ -12,10 +12,14 @@ from jaxtyping import Array, Float
 
 from ..numerics.choice import larger, largest, smaller, smallest
 from ..numerics.quadrature import Points, between, integrals
+from ..units import mm
 from .beam.collocation import AtPoints, Line, Part
 from .finger import PneuNet
 
 Scalar = Float[Array, ""]
+
+LEAST_CORE, LEAST_SIDE_WALL = 1 * mm, 0.5 * mm
+"""Of a chamber's air, where a fin of the mould stands, and of silicone beside it: as `softgrip export` has them."""
 
 
 def margins_of_parts(finger: PneuNet) -> dict[str, Scalar]:
@@ -24,6 +28,10 @@ def margins_of_parts(finger: PneuNet) -> dict[str, Scalar]:
     walls_fit: room - 2 t_m, what two walls leave of a chamber's length. The room is h_L; of a nonuniform finger whose
     segments are squeezed onto the cover it is what they keep beside their gaps. chamber_on_cover: B - 2b, what a
     chamber leaves of the cover for both of its side walls. one_segment: L - (2 h_x + h_L).
+
+    Then those that searches keep, and other states may be beyond. wall_law_range: the less of b - a and a/2 - t_m, for
+    the laws of walls take the height for the shorter side, and walls for thin. mould_range: the less of walls_fit
+    beside LEAST_CORE, and of a side wall, B/2 - b, beside LEAST_SIDE_WALL.
     """
     room = finger.h_L
     if finger.segments is not None:
@@ -32,6 +40,10 @@ def margins_of_parts(finger: PneuNet) -> dict[str, Scalar]:
         "walls_fit": smallest(room - 2 * finger.t_m),
         "chamber_on_cover": smallest(finger.B - 2 * finger.b),
         "one_segment": finger.L - largest(finger.pitch),
+        "wall_law_range": smallest(smaller(finger.b - finger.a, 0.5 * finger.a - finger.t_m)),
+        "mould_range": smallest(
+            smaller(room - 2 * finger.t_m - LEAST_CORE, 0.5 * finger.B - finger.b - LEAST_SIDE_WALL)
+        ),
     }
 
 

@@ -9,10 +9,13 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import ROOT
 
+import softgrip_jax as sg
 from benchmarks.speed import measure
 from benchmarks.speed.__main__ import run_part
 from softgrip_jax import model_error
@@ -159,6 +162,23 @@ def test_the_shells_of_the_benchmark_are_the_thesis_s():
         # Twice the stiffness at twice the pressure is the same shape: mu and t_m act as one number.
         assert slopes[2] == pytest.approx(slopes[3], rel=1e-9)
         assert np.all(np.isfinite(slopes))
+
+
+def test_what_is_timed_is_what_solve_does():
+    from benchmarks.speed import cases
+
+    case = cases.shells()["shell flat"]
+    value, slopes = jax.jit(cases.value_and_gradient(case))(case.scene, jnp.asarray(case.pressure))
+    assert float(value) == pytest.approx(float(sg.solve(case.scene, case.pressure).force), rel=1e-14)
+    assert all(np.all(np.isfinite(leaf)) for leaf in jax.tree.leaves(slopes))
+
+
+def test_a_process_is_not_charged_for_the_one_that_starts_it():
+    from benchmarks.speed import start_part
+
+    held = bytearray(200_000_000)
+    _, _, memory = start_part.run([sys.executable, "-c", "pass"], dict(os.environ))
+    assert len(held) / 1e6 > memory > 1
 
 
 def test_a_part_that_is_stopped_keeps_its_rows_and_says_so(tmp_path, monkeypatch):

@@ -90,7 +90,7 @@ def test_a_place_is_said_once():
 
 
 CALLS = {
-    "solve": ("shell_free", "softgrip_jax.commands.solve.kept"),
+    "solve": ("shell_free", "softgrip_jax.commands.solve.solving"),
     "path": ("shell_free", "softgrip_jax.questions.limit_pressure"),
     "sweep": ("shell_sweep", "softgrip_jax.commands.sweep.Study"),
     "sensitivity": ("shell_free", "softgrip_jax.commands.sensitivity.sensitivity"),

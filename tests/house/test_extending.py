@@ -21,7 +21,8 @@ def blocks(page):
 
 @pytest.fixture
 def commands(monkeypatch):
-    """What a page adds to the command is gone after it."""
+    """What a page adds to the command is gone after it, and nothing else."""
+    cli.find_commands()
     monkeypatch.setattr(cli.app, "registered_commands", list(cli.app.registered_commands))
 
 

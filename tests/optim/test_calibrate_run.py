@@ -201,6 +201,8 @@ HEADER = "p,h\n"
         (HEADER + "5,7\n6,eight\n7,9\n", "line 3: h is 'eight'; it must be a finite number"),
         (HEADER + "5,7\n6,inf\n7,9\n", "line 3: h is 'inf'; it must be a finite number"),
         ("p;h\n5;7,5\n6;8\n", "line 2: h is '7,5'; it must be a finite number; write decimals with a point"),
+        ("p,h\n2,5,5,794\n", "line 2: there are 4 cells, and the header has 2; write decimals with a point"),
+        (HEADER + "10,-3\n12,-4\n13,-5\n", "inflation has the other sign than the model's at the values as given"),
         ("pressure,h\n5,7\n", "there is no header line with the columns 'p' and 'h'"),
         (HEADER + "-5,7\n6,8\n7,9\n", "a pressure of curve 'free' is -5 kPa; gauge pressures are zero or more"),
     ],
@@ -211,6 +213,17 @@ def test_bad_data_is_one_sentence_and_nothing_is_written(data, sentence, tmp_pat
     assert sentence in said
     assert said.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {"data.csv", "fit.toml"}
+
+
+def test_a_fit_on_the_smaller_part_of_the_points_determines_nothing(tmp_path, capsys):
+    """Inflations five times those of any such shell: four of six points lie beyond the limit point of the fit."""
+    rows = "".join(
+        f"{p},{5 * h}\n" for p, h in ((2.5, 5.8), (5, 7.9), (7.5, 9.7), (10, 11.5), (12.5, 13.5), (15, 15.8))
+    )
+    assert run(["calibrate", str(written(tmp_path, HEADER + rows)), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "of 6 points: the fit stands on the smaller part of what was measured" in said
+    assert "The data determine the parameter" not in said
 
 
 def changed(path, old, new):
@@ -227,6 +240,9 @@ def changed(path, old, new):
         ('column = "p", unit = "kPa"', 'column = "p", unit = "mm"', "it must be one of kPa, Pa, MPa"),
         ('"inflation"', '"force"', "measures 'force'; it must be one of inflation"),
         ('"data.csv"', '"other.csv"', "no such file"),
+        ('"data.csv"', '["data.csv", "./data.csv"]', "names a file twice; a specimen counts once"),
+        ('column = "h"', 'column = "p"', "takes the column 'p' twice, for what is set and for what is measured"),
+        ("[calibrate]", "[tension]\n[calibrate]", "has [tension] and [calibrate]; one run does one of them"),
         ('"shell.material.mu_kPa"', '"shell.material.nu_kPa"', "did you mean shell.material.mu_kPa?"),
         ("[calibrate]", '[calibrate]\nloss = "tukey"', "loss is 'tukey'"),
         ("[calibrate]", '[calibrate]\nintervals = ["jackknife"]', "jackknife"),
@@ -281,7 +297,6 @@ def test_preambles_and_separators_do_no_harm(tmp_path):
         (["day1/a/free.csv", "day2/a/free.csv"], ("day1/a/free", "day2/a/free")),
         (["free.csv", "day1/free.csv"], ("free", "day1/free")),
         (["free.csv", "free.txt"], ("free.csv", "free.txt")),
-        (["free.csv", "./free.csv"], ("free", "free")),
     ],
 )
 def test_specimens_of_one_file_name_are_told_apart_by_their_folders(files, names, tmp_path):

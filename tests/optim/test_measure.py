@@ -1,5 +1,6 @@
 """`softgrip measure`: numbers as built by closed forms of normal models, conflicts, the design file that follows."""
 
+import dataclasses
 import json
 import tomllib
 from pathlib import Path
@@ -214,6 +215,49 @@ def test_the_noise_of_a_curve_is_that_of_its_fit(tmp_path):
     assert np.sqrt(spread[0, 0]) == pytest.approx(known.deviations[0] / x[0])
 
 
+def with_curve(folder, measured=MEASURED, further="", curve=CURVE):
+    pressure = np.linspace(2, 12, 6)
+    rows = "\n".join(f"{p:.6g},{h / mm:.9g}" for p, h in zip(pressure, inflation(pressure * kPa), strict=True))
+    (folder / "first.csv").write_text(f"pressure_kPa,inflation_mm\n{rows}\n{further}", encoding="utf-8")
+    wanted = read(folder, measured + curve.replace('column = "inflation_mm"', 'column = "inflation_mm", noise = 0.05'))
+    return wanted, updated(wanted)
+
+
+def test_curves_tell_of_moduli_alone(tmp_path):
+    """A drawn wall of 1.1 mm that was never read, and curves of one of 1.2 mm: the wall stays as sure as it was, and
+    what is not known of it is in the modulus, by fits with walls that are a little off."""
+    drawn = MEASURED.replace("values = [1.18, 1.22]\nuncertainty = 0.03\n", "")
+    wanted, before = with_curve(tmp_path, drawn)
+    known = calibrated(wanted, before)
+    count = len(before.built)
+    np.testing.assert_allclose(known.joint[:count, :count], before.covariance, rtol=1e-12)
+    steps = 1e-3 * before.built
+    by_x = [
+        (calibrated(wanted, dataclasses.replace(before, built=before.built + one)).fit.x - known.fit.x)[count] / step
+        for one, step in zip(np.diag(steps), steps, strict=True)
+    ]
+    np.testing.assert_allclose(known.joint[count, :count], before.covariance @ by_x, rtol=2e-2)
+    rows = np.asarray(known.fit.predicted.slopes)[:, count] / (0.05 * mm)
+    alone = 1 / (rows @ rows)
+    assert known.joint[count, count] == pytest.approx(alone + by_x @ before.covariance @ by_x, rel=2e-2)
+    assert abs(known.fit.x[count] - 150 * kPa) < 1.96 * known.joint[count, count] ** 0.5
+
+
+def test_points_beyond_the_limit_are_left_out_and_bounds_are_told(tmp_path):
+    whole = calibrated(*with_curve(tmp_path))
+    assert whole.remarks == ()
+    known = calibrated(*with_curve(tmp_path, further="25,30\n30,30\n"))
+    assert known.fit.x[2] == pytest.approx(whole.fit.x[2], rel=1e-6)
+    assert "2 of 8 points, from 25 kPa on, left out" in known.remarks[0]
+    held = calibrated(*with_curve(tmp_path, curve=CURVE.replace("high = 500", "high = 130")))
+    assert any("shell.material.mu is held by a bound" in one for one in held.remarks)
+    none = MEASURED + CURVE.replace('"first.csv"', '"none.csv"')
+    (tmp_path / "none.csv").write_text("pressure_kPa,inflation_mm\n118,20\n124,20\n130,20\n", encoding="utf-8")
+    wanted = read(tmp_path, none)
+    with pytest.raises(sg.errors.InputError, match="0 of 3 points have an equilibrium within the bounds"):
+        calibrated(wanted, updated(wanted))
+
+
 def inflation(pressures):
     """Of what was cast: 1.2 mm and 150 kPa."""
     cast = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.2 * mm, material=sg.NeoHookean(mu=150 * kPa))
@@ -225,6 +269,9 @@ def inflation(pressures):
     [
         ("values = [1.18, 1.22]", "values = [-1.2]", "shell.t_m_mm"),
         ("uncertainty = 0.03", "", "has values, but no uncertainty"),
+        ("[1.18, 1.22]", "[1180, 1180.02]", "say 1180.01 where 1.1 is drawn"),
+        ("[1.18, 1.22]", "[0.00118, 0.00122]", "is it another number, or another unit?"),
+        ("[1.18, 1.22]", "[1.2, 12.1, 1.19]", "differ by 10.9, and their uncertainty is 0.03"),
         ('name = "shell.a_mm"', 'name = "shell.t_m_mm"', "is given twice"),
         ('name = "shell.a_mm"', 'name = "shell.q_mm"', "shell.q_mm"),
         ("value_g = 6.78", "value_g = -6.78", "value_g"),

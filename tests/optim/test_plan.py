@@ -366,6 +366,7 @@ def test_command_line(tmp_path, capsys):
         ),
         ('unit = "N"', 'unit = "mm"', "its unit is 'mm'; it must be one of"),
         ("pressures_kPa = [4, 8, 12, 16]", "pressures_kPa = [0, 8]", "every pressure and strain must be above zero"),
+        ("pressures_kPa = [4, 8, 12, 16]", "pressures_kPa = [-2, 8]", "must be above zero; the least is -2 kPa"),
         ("pressures_kPa = [4, 8, 12, 16]", "pressures_kPa = [8, 8]", "names a pressure or strain twice"),
         ("pressures_kPa = [4, 8, 12, 16]", "", "must have one of pressures_kPa, strains and number; it has none"),
         ('number = "shell.t_m_mm"', 'number = "shell.a_mm"', "measures 'shell.a_mm'; it must be one of"),
@@ -386,6 +387,18 @@ def test_mistakes_are_one_sentence(old, new, words, tmp_path, capsys, monkeypatc
     told = " ".join(capsys.readouterr().err.split())
     assert words in told
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+def test_what_has_no_state_is_no_remedy_and_no_picture(tmp_path, capsys):
+    old, new = "pressures_kPa = [4, 8, 12, 16]", "pressures_kPa = [40, 60]"
+    path = write(tmp_path, lambda text: text.replace(old, new, 1))
+    assert run(["plan", str(path), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "Not planned, since" in said
+    assert "free inflation at 40 kPa" in said
+    assert "free inflation (" not in said  # as what would determine something
+    assert "free inflation alone" not in said
+    assert (tmp_path / "out" / "plan.png").is_file()
 
 
 STRIP = """

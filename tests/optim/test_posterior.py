@@ -440,6 +440,8 @@ def test_runs_are_compared_by_their_files(finished, tmp_path, capsys):
     assert set(one["model_error"]) == {"strip"}
     with pytest.raises(ConfigError, match="make one with softgrip calibrate CONFIG --posterior"):
         run_evidence([out, tmp_path], False, Console())
+    with pytest.raises(ConfigError, match="One run is named twice"):
+        run_evidence([out, out], False, Console())
 
 
 def test_a_robust_loss_has_no_posterior(tmp_path, capsys):

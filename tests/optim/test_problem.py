@@ -78,6 +78,7 @@ def test_quantities_are_the_answers_of_the_library(problem, measured):
         "free.limit_pressure": sg.limit_pressure(changed["free"]),
     }
     assert [problem.label(q) for q in problem.quantities] == list(expected)
+    expected["lift.margins.membranes_apart at required"] = lift.margins["membranes_apart"]
     np.testing.assert_allclose(found.values[first[0]], list(expected.values()), rtol=1e-10)
     assert float(found.shortfall[first[0]]) == 0
 
@@ -121,25 +122,26 @@ def test_the_impossible_is_led_back_to_the_start(problem, measured):
 
 
 def test_judgement_by_hand(problem):
-    values = np.array([12 * kPa, 13 * mm, 1.1, 1.6, 8 * kPa])
+    values = np.array([12 * kPa, 13 * mm, 1.1, 1.6, 8 * kPa, 2.5 * mm])
     scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
     judged = problem.score(jnp.array(values), scales)
     np.testing.assert_allclose(judged.objective, 2 * 1.2 + (1 / 14) ** 2, rtol=1e-12)
-    expected = [(1.25 - 1.1) / 1.25, (1.0 - 1.6) / 1.0, (1.6 - 1.5) / 1.5, (10 - 8) / 10]
+    expected = [(1.25 - 1.1) / 1.25, (1.0 - 1.6) / 1.0, (1.6 - 1.5) / 1.5, (10 - 8) / 10, -2.5]
     np.testing.assert_allclose(judged.violations, expected, rtol=1e-12)
     assert problem.constraint_labels() == [
         "lift.limit_margin at required at least 1.25",
         "free.stretch at 15 kPa at least 1",
         "free.stretch at 15 kPa at most 1.5",
         "free.limit_pressure at least 10 kPa",
+        "rule lift.membranes_apart at required",
     ]
 
 
 def test_unknown_values_count_for_nothing(problem):
     scales = problem.scales([10 * kPa, 1.0, 1.0, 1.0, 1.0])
-    judged = problem.score(jnp.full(5, jnp.nan), scales)
+    judged = problem.score(jnp.full(6, jnp.nan), scales)
     assert float(judged.objective) == 0
-    np.testing.assert_array_equal(judged.violations, np.zeros(4))
+    np.testing.assert_array_equal(judged.violations, np.zeros(5))
 
 
 def test_what_has_no_end_is_large_and_not_unknown():

@@ -142,10 +142,11 @@ def test_objects_by_hand():
     np.testing.assert_allclose(cone.radius_at(height), 20 * mm)
     inradius = 60 / (2 * np.sqrt(3))
     np.testing.assert_allclose(pyramid.radius_at(height) / mm, inradius * 0.6, rtol=1e-12)
-    # 1 / sin^2 of the angle between face and base.
-    np.testing.assert_allclose(cone.slope_factor(), 1 / np.sin(np.arctan(60 / 30)) ** 2, rtol=1e-12)
-    np.testing.assert_allclose(pyramid.slope_factor(), 1 / np.sin(np.arctan(50 / inradius)) ** 2, rtol=1e-12)
-    assert cylinder.slope_factor() == hexagon.slope_factor() == 1
+    assert cylinder.lift() == hexagon.lift() == 0.96
+    for thing, base in ((cone, np.arctan(60 / 30)), (pyramid, np.arctan(50 / inradius))):
+        press, load = np.array([np.sin(base), -np.cos(base)]), np.array([np.cos(base), np.sin(base)])
+        forces = np.array([1.0, float(thing.lift())])  # inwards, and what that lifts
+        assert load @ forces == pytest.approx(0.8 * press @ forces, rel=1e-12)  # it is about to slip
     # y_c: the surface as seen from the clamp, with the object at the height of the tip.
     x = jnp.asarray(72 * mm)
     assert sg.pneunet.Grasp(gripper(), cylinder).offset_at(x) == pytest.approx(thesis.CYLINDER_OFFSET)
@@ -153,9 +154,30 @@ def test_objects_by_hand():
     standing = sg.pneunet.Grasp(gripper(), cone, stand_distance=92 * mm)
     assert standing.offset_at(x) / mm == pytest.approx(20 - 19.61)
     assert sg.pneunet.Grasp(gripper(), cone, tip_offset=-2 * mm).offset_at(x) / mm == pytest.approx(-2)
-    # Every tip carries m g / n, and a face that leans needs more.
+    # Every tip carries m g / n.
     np.testing.assert_allclose(standing.pull(), 0.02 * 9.81 / 3, rtol=1e-12)
-    np.testing.assert_allclose(standing.load(), 0.02 * 9.81 / 3 * 1.25, rtol=1e-12)
+
+
+@pytest.mark.parametrize("friction", [0.5, 0.8, sg.objects.FrictionTable(force=[0.05, 0.2], coefficient=[0.9, 0.7])])
+def test_tips_on_a_cone_hold_as_far_as_they_do_not_slip(friction):
+    cone = Cone(radius=20 * mm, height=40 * mm, mass=5 * gram, friction=friction)
+    wide = sg.pneunet.Gripper(pneunet(TYPE_A), base_radius=22 * mm)
+    found = sg.solve(sg.pneunet.Grasp(wide, cone, stand_distance=80 * mm, points=8), 31 * kPa)
+    assert int(found.status) == sg.Status.OK
+    force, load = float(found.tip_force), 0.005 * 9.81 / 3
+    mu = float(sg.objects.friction_coefficient(cone.friction, found.tip_force))
+    if friction == 0.5:  # mu tan(base angle) = 1: whatever presses slips
+        assert float(found.security) == pytest.approx(0, abs=1e-12)
+        assert np.isinf(float(found.required_force))
+        return
+    base = np.arctan(2.0)
+    lifted = float(found.security) * load
+    along, across = force * np.cos(base) + lifted * np.sin(base), force * np.sin(base) - lifted * np.cos(base)
+    assert along == pytest.approx(mu * across, rel=1e-9)
+    needed = float(found.required_force)
+    mu = float(sg.objects.friction_coefficient(cone.friction, jnp.asarray(needed)))
+    along, across = needed * np.cos(base) + load * np.sin(base), needed * np.sin(base) - load * np.cos(base)
+    assert along == pytest.approx(mu * across, rel=1e-9)
 
 
 def test_a_tapering_object_needs_its_height():

@@ -14,10 +14,14 @@ import reference_beam as ref
 from conftest import ROOT
 from fingers import TYPE_A, TYPES, pneunet, stacked
 from helpers import shell
+from typer.testing import CliRunner
 
 import softgrip_jax as sg
+from optim.design.descent import search
+from optim.problem import Goal, Problem
+from optim.space import Space, Variable
 from softgrip_jax import plots
-from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.cli import NO_ANSWER, app, run
 from softgrip_jax.errors import InputError
 from softgrip_jax.quantities import Quantity, QuantitySet, all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
@@ -61,14 +65,81 @@ BROKEN_PARTS = {
 def test_parts_have_margins_in_every_scene_of_a_finger(scene):
     margins = SCENES[scene](A).margins_at_rest()
     by_hand = {"walls_fit": 4.2 - 2 * 1.1, "chamber_on_cover": 20 - 2 * 8, "one_segment": 77 - (2 * 0.9 + 4.2)}
+    by_hand |= {"wall_law_range": 2.5 - 1.1, "mould_range": 4.2 - 2 * 1.1 - 1}
     for name, margin in by_hand.items():
         np.testing.assert_allclose(margins[name] / mm, margin, rtol=1e-12)
+    for changed, rule, margin in (
+        ({"a": 9.0}, "wall_law_range", -1.0),
+        ({"a": 2.0}, "wall_law_range", -0.1),
+        ({"t_m": 1.7}, "mould_range", -0.2),
+        ({"b": 9.8}, "mould_range", -0.3),
+    ):
+        beyond = SCENES[scene](finger(**changed))
+        np.testing.assert_allclose(beyond.margins_at_rest()[rule] / mm, margin, rtol=1e-9)
+        assert bool(beyond.can_exist())  # nothing forbids it; searches keep away
     assert bool(SCENES[scene](A).can_exist())
     for rule, (changed, margin, _) in BROKEN_PARTS.items():
         broken = SCENES[scene](finger(**changed))
         np.testing.assert_allclose(broken.margins_at_rest()[rule] / mm, margin, rtol=1e-12)
         assert not bool(broken.can_exist())
         assert bool(dataclasses.replace(broken, ignored_rules=tuple(BROKEN_PARTS)).can_exist())
+
+
+def test_what_cannot_be_moulded_has_an_answer_and_a_remark(tmp_path):
+    path = tmp_path / "thin.toml"
+    path.write_text(
+        '[scene]\ntype = "pneunet.Linear"\n[scene.finger]\npreset = "table_5_1_A"\nh_L_mm = 2.5\na_mm = 9\n'
+    )
+    done = CliRunner().invoke(app, ["solve", str(path), "--pressure-kPa", "5"])
+    said = " ".join(done.stdout.split())
+    assert done.exit_code == 0
+    assert "A chamber's wall is 1 mm too high for its width or too thick for its height" in said
+    assert (
+        "What is left of a chamber's air or side walls is 0.7 mm less than a mould and liquid silicone can do" in said
+    )
+
+
+@pytest.mark.parametrize("drive", ["thesis", "small_strain"])
+def test_a_search_keeps_air_and_side_walls(drive):
+    """It would take all of both: a wider and longer chamber pushes more."""
+    scene = sg.pneunet.TipContact(A, drive=drive, inclination="none", points=6)
+    bounds = {"b": (5, 15), "h_L": (1, 8), "a": (2, 12), "t_m": (0.5, 3)}
+    space = Space({"held": scene}, [Variable(f"finger.{k}", *(v * mm for v in ends)) for k, ends in bounds.items()])
+    problem = Problem(space, [Goal("maximise", Quantity("tip_force", 3 * kPa))])
+    kept = [rule.rule for rule in problem.rules]
+    assert {"wall_law_range", "mould_range"} <= set(kept)
+    best = search(problem, starts=8, steps=30, finishes=1).best
+    assert best.feasible
+    a, b, t_m, h_L = (best.x[space.names.index(f"finger.{name}")] / mm for name in ("a", "b", "t_m", "h_L"))
+    assert h_L - 2 * t_m > 1 - 1e-3
+    assert 0.5 * 20 - b > 0.5 - 1e-3
+    assert b - a > -1e-3
+    assert 0.5 * a - t_m > -1e-3
+
+
+@pytest.mark.parametrize("model", ["arc", pytest.param("energy", marks=pytest.mark.slow)])
+def test_membranes_of_opposite_shells_stay_on_their_sides(model):
+    made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+
+    def held(radius, fingers=2):
+        return sg.shell.Grasp(made, radius=radius, gap=3 * mm, friction=0.96, model=model, fingers=fingers)
+
+    thin, thick = sg.solve(held(3 * mm), 12 * kPa), sg.solve(held(20 * mm), 12 * kPa)
+    assert Reason(int(thin.reason)) is Reason.MEMBRANES_APART
+    assert "pass through each other beside the cylinder: each is" in thin.reason_text()
+    assert int(thick.status) == OK
+    for found, middle in ((thin, 6 * mm), (thick, 23 * mm)):
+        shape = found.shape(4001)
+        crest = np.max(np.asarray(shape["z_length"] if "z_length" in shape else shape["z"]))
+        assert float(found.margins["membranes_apart"]) == pytest.approx(middle - crest, abs=0.7 * mm)
+    if model == "arc":
+        assert float(thick.margins["membranes_apart"]) == pytest.approx(23 * mm - crest, abs=1e-3 * mm)
+    alone = sg.solve(held(3 * mm, fingers=1), 12 * kPa)
+    assert int(alone.status) == OK
+    assert "membranes_apart" not in alone.margins
+    slope = jax.grad(lambda r: sg.solve(held(r), 12 * kPa).margins["membranes_apart"])
+    ends = [float(sg.solve(held(20 * mm + step), 12 * kPa).margins["membranes_apart"]) for step in (-1e-6, 1e-6)]
+    assert float(slope(20 * mm)) == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-5)
 
 
 @pytest.mark.parametrize("rule", BROKEN_PARTS)

@@ -11,7 +11,7 @@ from jax import lax
 
 from ...errors import InputError, require_whole
 from ...fields import choice, is_concrete, nonnegative, positive
-from ...numerics.choice import smaller
+from ...numerics.choice import largest, smaller
 from ...objects.friction import friction, friction_coefficient, friction_force, required_normal_force
 from ...scene import Scene
 from ...units import GRAVITY
@@ -172,6 +172,11 @@ class Grasp(ShellScene):
     def target(self):
         return _target(self.mass)
 
+    def margins_of_state(self, angle, pressure):
+        """membranes_apart: of two opposite shells, what the highest point of a membrane keeps from the middle."""
+        crest = self.shell.a * jnp.tan(0.5 * self.arcs().state(angle).theta_m)
+        return _apart(self, self.gap + self.radius - crest)
+
     def observe(self, angle, pressure):
         observed = self.arcs().observables(angle, pressure)
         c_a, c_b = observed["contact_half_width"], observed["contact_half_length"]
@@ -203,11 +208,23 @@ class EnergyGrasp(EnergyScene):
     def target(self):
         return _target(self.mass)
 
+    def margins_of_state(self, unknowns, pressure):
+        """membrane_above_clamp, and membranes_apart as of the arcs, of the outer face at the quadrature points."""
+        crest = largest(self.functional.deformed(unknowns)[:, 2, 0]) * self.shell.a + 0.5 * self.shell.t_m
+        rod = self.obstacle
+        assert isinstance(rod, Cylinder)
+        return super().margins_of_state(unknowns, pressure) | _apart(self, rod.gap + rod.radius - crest)
+
     def measured(self, y, contact_pressures, pressure):
         observed = cylinder_observables(self, y, contact_pressures, pressure)
         force = observed["force"]
         resistance = friction_coefficient(self.friction, force) * observed["friction_moment"]
         return observed | holding(self, force, resistance)
+
+
+def _apart(grasp: Grasp | EnergyGrasp, margin: Scalar) -> dict[str, Scalar]:
+    """The rule of two shells; one alone has none opposite."""
+    return {"membranes_apart": margin} if grasp.fingers > 1 else {}
 
 
 def holding(grasp: Grasp | EnergyGrasp, force: Scalar, resistance: Scalar) -> dict[str, Scalar]:
