@@ -117,7 +117,7 @@ def test_scenes_of_tapering_objects_need_more_force():
     scene = thesis.finger_grasp("A", 20 * gram, 18 * mm, 1 + (wide / high) ** 2)
     sine = np.sin(np.arctan(high / wide))
     needed = 0.020 * GRAVITY / 3 / (thesis.FRICTION * sine**2)
-    observed = scene.load() / scene.object.friction
+    observed = scene.pull() / scene.object.friction
     np.testing.assert_allclose(observed, needed, rtol=1e-12)
 
 

@@ -202,7 +202,8 @@ def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
     rows = np.asarray(fit.predicted.slopes) * (np.sqrt(np.asarray(fit.member.weight)) / sigma)[:, None]
     by_x, by_theta = rows[:, :count], rows[:, count:]
     information = by_theta.T @ by_theta
-    if np.linalg.matrix_rank(information) < len(information):
+    sizes = np.abs(np.asarray(fit.x)[count:])
+    if np.linalg.matrix_rank(information * np.outer(sizes, sizes)) < len(information):
         names = " and ".join(own.space.names)
         raise InputError(f"The curves do not determine {names}: hold one, or measure something else.")
     alone, C = np.linalg.inv(information), known.covariance

@@ -112,7 +112,7 @@ class HexagonalCylinder(Object):
 class Taper(Object):
     """A solid that narrows linearly from its base to a point.
 
-    radius_at(z) = base_radius (1 - z / height). Tips lift less on its faces, which push them up: see `lift`.
+    radius_at(z) = base_radius (1 - z / height). A tip presses its faces down as well, and lifts less: see `lift`.
 
     Source: thesis 5.2.3; `friction.OnSlope` in place of its 1 / sin^2 of the base angle.
 

@@ -39,7 +39,7 @@ class Formulas(Problem):
     LEAVES = ("shell.a", "shell.b", "shell.t_m", "gap")
 
     def __init__(self, formulas, low, high, limits=(), start=None):
-        scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm)
+        scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, ignored_rules=("membranes_apart",))
         names = [self.LEAVES[k] for k in range(len(low))]
         space = Space({"toy": scene}, [Variable(n, lo, hi) for n, lo, hi in zip(names, low, high, strict=True)])
         space.reference = np.array(start, dtype=float) if start is not None else 0.5 * (space.low + space.high)
