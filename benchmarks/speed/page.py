@@ -95,7 +95,7 @@ def _measured(rows: Rows) -> list[str]:
     body = []
     for row in rows:
         setting = ", ".join(filter(None, [row["setting"], row["precision"] if row["precision"] != "float64" else ""]))
-        per_second = whole(1 / row["seconds"])
+        per_second = whole(1 / row["seconds"]) if np.isfinite(row["seconds"]) else ""
         ratio = row["gradient_seconds"] / row["seconds"] if isinstance(row["gradient_seconds"], float) else np.nan
         body.append([
             row["method"] + (f": {setting}" if setting else ""), f"{int(row['batch']):,}", small(row["error"]),
@@ -140,7 +140,7 @@ def _targets(tables: Tables, told: dict[str, Any]) -> list[str]:
     for needs, judge in (
         (("shells",), add_shells),
         (("fingers",), add_fingers),
-        (("peers", "fingers"), add_peers),
+        (("peers",), add_peers),
         (("start",), add_start),
         (("fidelity",), add_fidelity),
         (("energy",), add_energy),
@@ -261,7 +261,6 @@ def add_peers(add: Callable[..., None], tables: Tables) -> None:
             if r["method"].startswith(method) and r["error"] <= 1e-6 and law in r["setting"] + r["method"]
         ]
         mine = [r for r in ours(rows, "finger tip contact", law) if r["error"] <= 1e-6]
-        mine += [r for r in ours(tables["fingers"], "finger tip contact", law) if r["error"] <= 1e-6]
         if good and mine:
             ratio = min(r["seconds"] for r in good) / min(r["seconds"] for r in mine)
             add(f"finger, tip held, force to 1e-6: faster than {words}", f"{wanted:,} times" if wanted else "",

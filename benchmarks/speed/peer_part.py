@@ -85,7 +85,7 @@ def one_by_one(method: str, setting: str, true: Any, fingers: Any, solve: Any) -
     found = np.array(run(), float)
     if not np.all(np.isfinite(found)):  # a time of what has no answer says nothing
         answered = f"{setting}: {np.sum(np.isfinite(found))} of {len(found)} have an answer"
-        return row("finger tip contact", method, answered)
+        return row("finger tip contact", method, answered, error=np.nan, seconds=np.nan)
     error, _ = cases.errors(found, None, true)
     return row(
         "finger tip contact", method, setting, error=error, seconds=median_seconds(run, repeats=5) / len(fingers)

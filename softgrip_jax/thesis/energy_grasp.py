@@ -136,7 +136,7 @@ def page(held: Sequence[Held], tilted: Sequence[Tilted]) -> str:
     lines += [
         "",
         f"The energy membrane presses {_range(forces)} as hard as the arcs on the cylinder in the middle, and resists "
-        f"turning with {_range(ratios)} of the moment of their ellipse.",
+        f"turning with {_range(ratios)} the moment of their ellipse.",
         "",
     ]
     return "\n".join(lines)
