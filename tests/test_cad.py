@@ -58,6 +58,28 @@ def named(export, name):
     return next(piece for piece in export.pieces if piece.name == name)
 
 
+def test_the_picture_of_a_mould_has_the_sizes_that_are_printed(shell, tmp_path, monkeypatch):
+    from softgrip_jax.commands import export
+
+    drawn = {}
+
+    class Figure:
+        def __init__(self, shown, title):
+            drawn[title] = [np.ptp(np.array(points), axis=0) for _, (points, _), _ in shown]
+
+        def savefig(self, path, **_):
+            pass
+
+    monkeypatch.setattr("softgrip_jax.plots.solids.solids_figure", Figure)
+    table = cad.ManufactureTable(shrinkage_percent=5)
+    export.draw_all(tmp_path, shell, cad.growth(table))
+    [mould] = shell.moulds
+    for size, piece in zip(drawn[f"mould of the {mould.casts}"], mould.pieces, strict=True):
+        np.testing.assert_allclose(np.sort(size), np.sort(solids.extent(piece.solid)) / 0.95, rtol=1e-6)
+    for size, piece in zip(drawn[""], shell.pieces, strict=True):
+        np.testing.assert_allclose(np.sort(size), np.sort(solids.extent(piece.solid)), rtol=1e-6)
+
+
 def test_all_checks_of_a_shell_hold(shell):
     found = cad.check_solids(shell) + list(cad.check_thicknesses(shell, {p.name: p.solid for p in shell.pieces}))
     assert [check for check in found if not check.good] == []
