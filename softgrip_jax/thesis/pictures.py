@@ -72,8 +72,8 @@ def _shell(found: Shells) -> list[Diagram]:
     angles, lengths = "contact angle (deg)", "flat length e (mm)"
     return [
         Diagram("figure 6.4", p, "inflation (mm)", free, _mark(thesis.FIGURE_5_1, mm)),
-        Diagram("figure 6.6: plane", p, "force (N)", planes, _mark(thesis.FIGURE_5_2, 1.0)),
-        Diagram("figure 6.7: cylinder", p, "$F_z$ (N)", forces, _mark(thesis.FIGURE_5_3, 1.0)),
+        Diagram("figure 6.6: plane, by distance", p, "force (N)", planes, _mark(thesis.FIGURE_5_2, 1.0)),
+        Diagram("figure 6.7: cylinder, by $d - r$", p, "$F_z$ (N)", forces, _mark(thesis.FIGURE_5_3, 1.0)),
         Diagram("figure 6.8: 5 mm", p, angles, [_curve("", near, "contact_angle", degree)]),
         Diagram("figure 6.8: 5 mm", p, lengths, [_curve("", near, "flat_length", mm)]),
         Diagram(
@@ -98,8 +98,8 @@ def _finger(found: Fingers) -> list[Diagram]:
     return [
         Diagram("figure 6.13: free", p, "tip angle (deg)", angles),
         Diagram("figure 6.19: tip held", p, "tip force (N)", forces, mark),
-        Diagram("figure 6.21: type A", p, "tip force (N)", offsets("A")),
-        Diagram("figure 6.21: type B", p, "tip force (N)", offsets("B")),
+        Diagram("figure 6.21: type A, by tip offset", p, "tip force (N)", offsets("A")),
+        Diagram("figure 6.21: type B, by tip offset", p, "tip force (N)", offsets("B")),
     ]
 
 
@@ -118,8 +118,8 @@ def _by_cell(found: Fingers, by_cell: ByCell) -> list[Diagram]:
     return [
         Diagram("tip free", p, "tip angle (deg)", both(found.free, by_cell.free, "", "tip_angle", degree)),
         Diagram("tip held", p, "tip force (N)", both(found.blocked, by_cell.held, " 0", "tip_force", 1.0), mark),
-        Diagram("tip held, cell law: type A", p, "tip force (N)", offsets("A")),
-        Diagram("tip held, cell law: type B", p, "tip force (N)", offsets("B")),
+        Diagram("cell law: type A, by tip offset", p, "tip force (N)", offsets("A")),
+        Diagram("cell law: type B, by tip offset", p, "tip force (N)", offsets("B")),
     ]
 
 
