@@ -64,9 +64,10 @@ def rules_of(scenes: dict[str, Scene], states: Iterable[tuple[str, State]]) -> l
 
 
 def is_held(scene: Scene, rule: Quantity) -> bool:
-    """Whether a search keeps a rule that begins with this scene. One that begins outside of what a law is known for is
-    not held there: its report says what is outside."""
-    return Reason[str(rule.rule).upper()].forbids or float(scene.margins_at_rest()[str(rule.rule)]) >= -BROKEN
+    """Whether a search keeps a rule that begins with this scene. One whose parts are outside of what a law is known for
+    at the beginning is not held there: its report says what is outside. States are always held."""
+    margin = scene.margins_at_rest().get(str(rule.rule))
+    return Reason[str(rule.rule).upper()].forbids or margin is None or float(margin) >= -BROKEN
 
 
 def with_rules_on(

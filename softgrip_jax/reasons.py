@@ -76,12 +76,14 @@ class Reason(enum.IntEnum):
     MEMBRANE_CLEAR_AT_REST = 111
     MEMBRANE_ABOVE_CLAMP = 112
     MEMBRANES_APART = 113
+    CLEAR_OF_GROUND_AT_REST = 114
     TIP_IN_REACH = 120
     COVER_BEARS_PULL = 121
 
     CELL_LAW_RANGE = 200
     WALL_LAW_RANGE = 201
     MOULD_RANGE = 202
+    ONE_TURN = 203
 
     @property
     def rule(self) -> str | None:
@@ -250,7 +252,7 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     ),
     Reason.CLEAR_OF_OBJECT: (
         "length",
-        "the bent cover is {} inside the object",
+        "the bent cover is {} inside the object: one of its faces, or the edge of its end",
         "the bent cover is inside the object",
     ),
     Reason.CLEAR_OF_PALM: ("length", "the object is {} inside the palm", "the object is inside the palm"),
@@ -287,8 +289,18 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
     ),
     Reason.CLEAR_OF_GROUND: (
         "length",
+        "the bent fingers reach {} below the plane that the object stands on",
+        "the bent fingers reach below the plane that the object stands on",
+    ),
+    Reason.CLEAR_OF_GROUND_AT_REST: (
+        "length",
         "the fingers reach {} below the plane that the object stands on",
         "the fingers reach below the plane that the object stands on",
+    ),
+    Reason.ONE_TURN: (
+        "length",
+        "the finger has curled by more than one turn, by {} of its length: it would lie on itself, as no law knows",
+        "the finger has curled by more than one turn: it would lie on itself, as no law knows",
     ),
     Reason.MEMBRANE_CLEAR_AT_REST: (
         "length",

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..pneunet import Gripper
-from ..pneunet.finger import SEGMENT_FIELDS, PneuNet
+from ..pneunet.finger import ROUNDING, SEGMENT_FIELDS, PneuNet
 from ..units import mm
 from .limits import at_least, check_common, check_core
 from .moulding import mould_of, open_mould
@@ -60,7 +60,7 @@ def counts_of(finger: PneuNet) -> list[int]:
     counts: list[int] = []
     for number, (room, _, _, h_x, _, h_L) in enumerate(segments_of(finger), start=1):
         pitch = 2 * h_x + h_L
-        fits = math.floor(room / pitch + 1e-6)
+        fits = math.floor(room / pitch + ROUNDING)
         if fits < 1:
             raise InputError(
                 f"Segment {number} is {room:.4g} mm long, shorter than its chamber with its gap ({pitch:.4g} mm); "

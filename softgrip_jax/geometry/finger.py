@@ -94,7 +94,9 @@ def chamber_places(finger: PneuNet) -> list[Place]:
         starts = np.arange(0.0, length - NOTHING, pitch)
         pitches = np.full(starts.shape, pitch)
     else:
-        pitches = np.asarray(finger.segment_lengths) / mm
+        counts = np.maximum(np.asarray(finger.whole_chambers).astype(int), 1)
+        numbers = {name: np.repeat(np.broadcast_to(values, counts.shape), counts) for name, values in numbers.items()}
+        pitches = np.repeat(np.asarray(finger.segment_lengths) / mm / counts, counts)
         starts = np.cumsum(pitches) - pitches
     fields = {name: np.broadcast_to(values, starts.shape) for name, values in numbers.items()}
     gaps = pitches * fields["h_x"] / (2 * fields["h_x"] + fields["h_L"])

@@ -19,6 +19,8 @@ PerSegment = Float[Array, ""] | Float[Array, " n"]
 
 SEGMENT_FIELDS = ("a", "b", "h_x", "t_m", "h_L")
 """Fields that may differ from segment to segment."""
+ROUNDING = 1e-6
+"""Of a chamber: what is short by less is a whole one."""
 
 _GEOMETRY_1 = {"h_x": 0.9 * mm, "t_m": 1.1 * mm, "h_L": 4.2 * mm}
 _GEOMETRY_2 = {"h_x": 0.75 * mm, "t_m": 1.5 * mm, "h_L": 4.5 * mm}
@@ -36,7 +38,8 @@ class PneuNet(Checked):
 
     `a, b, h_x, t_m, h_L` are numbers for a uniform finger, or arrays of one length n for a finger of n segments, each
     with its own chamber (thesis 4.3.5). A uniform finger needs no whole number of chambers: the thesis's own is 77 / 6
-    = 12.8 segments long. The segments of a nonuniform finger share L in proportion to their pitch.
+    = 12.8 segments long. The segments of a nonuniform finger share L in proportion to their pitch; one that is as long
+    as several pitches has as many equal chambers.
 
     Args:
         a: half height of the chamber wall, m.
@@ -110,6 +113,11 @@ class PneuNet(Checked):
         """Cover length of each segment of a nonuniform finger, m: L shared in proportion to the pitch."""
         pitch = jnp.broadcast_to(self.pitch, (self.segments or 1,))
         return self.L * pitch / jnp.sum(pitch)
+
+    @property
+    def whole_chambers(self) -> Float[Array, " n"]:
+        """How many whole chambers fit into each segment of a nonuniform finger: one, where L is the sum of pitches."""
+        return jnp.floor(self.segment_lengths / self.pitch + ROUNDING)
 
     def moment_scale(self) -> Scalar:
         """mu B H^2, N m: the unit of moments in the section laws."""

@@ -18,6 +18,7 @@ from .beam.method import POINTS, BeamMethod, beam_method
 from .beam.shooting import Shooting
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, FingerScene, Scalar, opening, to_weight
+from .rules import one_turn
 from .section.base import SectionLaw
 from .section.choice import section
 
@@ -131,6 +132,10 @@ class Free(FingerScene):
     def passed(self, observed):
         """A finger that has turned by more than MOST_TURN lies on itself, and the model says nothing of that."""
         return jnp.abs(observed["tip_angle"]) / MOST_TURN - 1
+
+    def margins_of_state(self, unknowns, pressure):
+        """one_turn forbids nothing: see `rules`."""
+        return super().margins_of_state(unknowns, pressure) | {"one_turn": one_turn(self.finger, self.turned(unknowns))}
 
     def spent(self, unknowns, pressure):
         if not self.is_arcs():

@@ -24,7 +24,7 @@ from ..units import GRAVITY
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
 from .finger_scene import INCLINATIONS, FingerScene, Scalar, to_weight
-from .rules import clear_of_clamp, line_inside, side_by_side
+from .rules import clear_of_clamp, end_inside, line_inside, lowest_of_chambers, side_by_side
 from .section.base import SectionLaw
 from .section.choice import section
 from .tip_contact import HeldTip
@@ -86,9 +86,10 @@ class Gripper(Checked):
 class Grasp(FingerScene):
     """Fingertips pinch an object and lift it.
 
-    Each tip pulls H_ext = m g / n and must press with F_ext, mu_f F_ext = (m g / n) / sin^2(beta), beta = 90 degrees
-    for upright faces. What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H from the
-    end of its mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the faces,
+    Each tip pulls H_ext = m g / n and must press with F_ext: mu_f F_ext = m g / n on upright faces, more on faces that
+    lean (`objects.OnSlope`). What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H
+    from the end of its mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the
+    faces,
 
         y = radius(z) - base_radius - H/2 (1 - cos(theta)),   z = stand_distance - (x + H/2 sin(theta))
 
@@ -102,8 +103,9 @@ class Grasp(FingerScene):
 
     Its rules (`ignored_rules`): at rest no finger is inside the object, another finger or the plane that the object
     stands on, nor the object inside the palm. In a bent state the line that touches stays outside the object along the
-    whole finger (up to the palm where the object's height is not given); fingers stay apart, and so do their chambers;
-    nothing reaches behind the palm.
+    whole finger (up to the palm where the object's height is not given), and so does the end of the cover, which turns
+    into an upright face beyond 90 degrees; fingers stay apart, and so do their chambers; nothing reaches behind the
+    palm, nor chambers below the plane that the object stands on.
 
     Args:
         gripper: the fingers and where they are clamped.
@@ -204,7 +206,7 @@ class Grasp(FingerScene):
             "fingers_apart_at_rest": side_by_side(gripper.base_radius, gripper.n, finger.B),
         }
         if stand is not None:
-            margins["clear_of_ground"] = stand - finger.L
+            margins["clear_of_ground_at_rest"] = stand - finger.L
             if isinstance(held, Taper):
                 margins["clear_of_palm"] = stand - held.height
         return margins
@@ -216,17 +218,28 @@ class Grasp(FingerScene):
         depth = gripper.touching_depth()
         x, y = (finger.L * at for at in line_inside(line, parts, depth / finger.L, points))
         radius = gripper.midline_radius() + y
-        end = finger.L * line.ends[1][-1] - depth * jnp.cos(line.angles[-1])
-        nearest = smaller(smallest(radius), gripper.midline_radius() + end)
+        tip_x, tip_y = (finger.L * at for at in end_inside(line, depth / finger.L))
+        touched = gripper.midline_radius() + tip_y
+        nearest = smaller(smallest(radius), touched)
         margins = super().margins_of_state(unknowns, pressure) | {
             "clear_of_clamp": clear_of_clamp(finger, parts, line, points),
             "fingers_apart": side_by_side(nearest, gripper.n, finger.B),
         }
-        if self.tip_offset is None:
-            # At the tip itself the two just touch, so the points before it are asked.
-            height = 0.0 * x if self.stand_distance is None else larger(self.stand_distance - x, 0.0)
-            margins["clear_of_object"] = smallest(radius - self.object.radius_at(height))
+        # At the tip itself the two just touch, so the points before it are asked; and the edge of the end that is on
+        # the side of the chambers, which a tip that turns on pushes into the object.
+        edge_x, edge_y = (finger.L * at for at in end_inside(line, -0.5 * finger.H / finger.L))
+        places = jnp.append(x, edge_x)
+        faces = self.face_at(places) - (0.0 if self.tip_offset is None else self.face_at(tip_x) - touched)
+        margins["clear_of_object"] = smallest(jnp.append(radius, gripper.midline_radius() + edge_y) - faces)
+        if self.stand_distance is not None:
+            lowest = larger(lowest_of_chambers(finger, parts, line, points), tip_x)
+            margins["clear_of_ground"] = self.stand_distance - lowest
         return margins
+
+    def face_at(self, x: Array) -> Array:
+        """Distance (m) of the object's face from the axis at x (m); below its base it is as at its base. Where nobody
+        says how high the object stands, only differences mean something."""
+        return self.object.radius_at(-x if self.stand_distance is None else larger(self.stand_distance - x, 0.0))
 
     def target(self):
         mass = self.object.mass

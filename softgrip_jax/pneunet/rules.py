@@ -6,6 +6,7 @@ broken, so that a search can climb back.
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -72,29 +73,47 @@ def chambers_apart(finger: PneuNet, parts: Part, curvature: AtPoints, points: Po
     Neighbours of a uniform finger meet anywhere from one pitch after the clamp to one before the tip, for its last
     chamber may be cut by its end. Those of a nonuniform finger meet where its segments do; there the turn is the mean
     of the two, and the gap is the sum of what each keeps from the plane between them, below the lower of the two tops.
+    Within a segment of several chambers neighbours are one pitch apart, and the largest curvature of it counts.
     """
+
+    def at(values: Array, place: Scalar) -> Scalar:
+        return between(values[None], place, 0, points)[0]
+
+    def most_between(values: Array, low: Scalar, high: Scalar) -> Scalar:
+        first, last = at(values, low), at(values, high)
+        inside = (points.places > low) & (points.places < high)
+        return larger(largest(jnp.where(inside, values, first)), last)
+
     fields, foot = parts.chamber.fields, 0.5 * finger.H
     widths = parts.high - parts.low
     pitch = (2 * fields["h_x"] + fields["h_L"]) / finger.L
     if finger.segments is not None and finger.segments > 1:
-        turns = (curvature @ points.weights) * pitch
-        turn = 0.5 * (turns[1:] + turns[:-1])
+        count = larger(finger.whole_chambers, 1.0)
+        several = count > 1
+        # Twice what is between the middle of the last chamber and the end of its segment; one that is squeezed keeps
+        # its gap.
+        last = larger(widths - (count - 1) * pitch, pitch)
+        mean, ends = curvature @ points.weights, (jnp.zeros_like(finger.L), jnp.ones_like(finger.L))
+        after, before = (jnp.where(several, jax.vmap(at, (0, None))(curvature, end), mean) * last for end in ends)
+        turn = 0.5 * (after[1:] + before[:-1])
         height = 2 * smaller(fields["a"][1:], fields["a"][:-1])
         sides = [
-            gap_over(turn, finger.L * pitch[side], fields["h_L"][side], height, foot)
+            gap_over(turn, finger.L * last[side], fields["h_L"][side], height, foot)
             for side in (slice(1, None), slice(-1))
         ]
-        return 0.5 * smallest(sides[0] + sides[1])
+        first = jnp.where(several, (0.5 * last + 0.5 * pitch) / widths, 0.5)
+        most = jax.vmap(most_between)(curvature, first, 1 - first)
+        within = gap_over(most * pitch, finger.L * pitch, fields["h_L"], 2 * fields["a"], foot)
+        return smaller(0.5 * smallest(sides[0] + sides[1]), smallest(jnp.where(several, within, jnp.inf)))
     first = smaller(pitch[0], 1.0)
     last = larger(1 - first, first)
-    places = parts.low[:, None] + widths[:, None] * points.places[None]
     if len(widths) == 1:
-        ends = [between(curvature, place, 0, points)[0] for place in (first, last)]
+        most = most_between(curvature[0], first, last)
     else:
-        ends = [jnp.interp(place, places.reshape(-1), curvature.reshape(-1)) for place in (first, last)]
-    inside = (places > first) & (places < last)
-    most = largest(jnp.where(inside, curvature, ends[0]))
-    most = larger(most, ends[1])
+        places = (parts.low[:, None] + widths[:, None] * points.places[None]).reshape(-1)
+        ends = [jnp.interp(place, places, curvature.reshape(-1)) for place in (first, last)]
+        inside = (places > first) & (places < last)
+        most = larger(largest(jnp.where(inside, curvature.reshape(-1), ends[0])), ends[1])
     return gap_over(most * pitch[0], finger.pitch.reshape(-1)[0], fields["h_L"][0], 2 * fields["a"][0], foot)
 
 
@@ -112,14 +131,35 @@ def clear_of_clamp(finger: PneuNet, parts: Part, line: Line, points: Points) -> 
 
 
 def line_inside(
-    line: Line, parts: Part, depth: Scalar | float, points: Points
+    line: Line, parts: Part, depth: Array | float, points: Points
 ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """x and y, over L, of the line at the distance `depth` (over L) from the mid-line on the side of the bending, at
-    the Gauss points: (x + depth sin(theta), y - depth cos(theta))."""
-    widths = parts.high - parts.low
+    """x and y, over L, of the line at the distance `depth` (over L; shape () or (parts,)) from the mid-line on the side
+    of the bending, at the Gauss points: (x + depth sin(theta), y - depth cos(theta))."""
+    widths, depth = parts.high - parts.low, jnp.reshape(jnp.asarray(depth), (-1, 1))
     x, y = (integrals(slope, widths, points)[0] for slope in line.slopes)
     cosine, sine = (slope / line.stretch for slope in line.slopes)
     return (x + depth * sine).reshape(-1), (y - depth * cosine).reshape(-1)
+
+
+def end_inside(line: Line, depth: Scalar) -> tuple[Scalar, Scalar]:
+    """The end of the line that `line_inside` follows, over L; a negative depth is on the side of the chambers."""
+    x, y, theta = line.ends[0][-1], line.ends[1][-1], line.angles[-1]
+    return x + depth * jnp.sin(theta), y - depth * jnp.cos(theta)
+
+
+def lowest_of_chambers(finger: PneuNet, parts: Part, line: Line, points: Points) -> Scalar:
+    """The largest x (m) of the tops of the chambers, as a line at z = H/2 + 2a up to the finger's end, which the last
+    chamber may reach."""
+    top = -(0.5 * finger.H + 2 * parts.chamber.fields["a"]) / finger.L
+    along = largest(line_inside(line, parts, top, points)[0])
+    return finger.L * larger(along, end_inside(line, top[-1])[0])
+
+
+def one_turn(finger: PneuNet, turns: Float[Array, " parts"]) -> Scalar:
+    """(1 - turn / 2 pi) L (m), with the most that the directions of two places differ by: a ring closes at 0. The
+    turns of the parts, rad."""
+    angles = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
+    return finger.L * (1 - (largest(angles) - smallest(angles)) / (2 * np.pi))
 
 
 def side_by_side(radius: Scalar, n: int, width: Scalar) -> Scalar:

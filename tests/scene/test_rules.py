@@ -23,6 +23,7 @@ from optim.space import Space, Variable
 from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, app, run
 from softgrip_jax.errors import InputError
+from softgrip_jax.geometry.finger import chamber_places
 from softgrip_jax.quantities import Quantity, QuantitySet, all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
@@ -240,9 +241,10 @@ def test_at_rest_beside_an_object_that_tapers():
     radii = np.where(heights <= 45, 26 * (1 - heights / 45), 0.0)
     assert margins["clear_of_object_at_rest"] == pytest.approx(19.61 - radii.max())
     assert margins["clear_of_palm"] == pytest.approx(95 - 45)
-    assert margins["clear_of_ground"] == pytest.approx(95 - 77)
+    assert margins["clear_of_ground_at_rest"] == pytest.approx(95 - 77)
     assert at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=40 * mm))["clear_of_palm"] == pytest.approx(-5)
-    assert at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=70 * mm))["clear_of_ground"] == pytest.approx(-7)
+    low = at_rest(sg.pneunet.Grasp(gripper(), CONE, stand_distance=70 * mm))
+    assert low["clear_of_ground_at_rest"] == pytest.approx(-7)
 
 
 def test_an_obstacle_inside_the_flat_membrane():
@@ -474,6 +476,98 @@ def test_a_grasp_of_a_cone_touches_with_the_face():
     clear, *_ = grasped(solution, scene)
     assert clear[-1] == pytest.approx(0, abs=1e-8)
     assert np.min(clear[:-1]) >= -1e-3
+
+
+TURNED = sg.pneunet.Grasp(gripper(base_radius=30), dataclasses.replace(CYLINDER, radius=jnp.asarray(6 * mm)), points=8)
+"""Tips that come from far turn far before they touch."""
+
+
+def test_a_tip_that_turns_past_the_face_is_impossible():
+    """The edge of the end that is on the side of the chambers, H from the one that touches, would be in the object."""
+
+    def edge(touch, pressure):
+        scene = dataclasses.replace(TURNED, gripper=gripper(touch, base_radius=30), ignored_rules=("clear_of_object",))
+        found = sg.solve(scene, pressure)
+        centre = float(scene.gripper.midline_radius()) / mm
+        inside = centre + Outline(found).corner(77.0, 0.0, 2.5)[1] - 6
+        assert found.margins["clear_of_object"] / mm == pytest.approx(inside, abs=2e-3)
+        told = sg.solve(dataclasses.replace(scene, ignored_rules=()), pressure)
+        assert Reason(int(told.reason)) is Reason.CLEAR_OF_OBJECT
+        assert float(told.detail) / mm == pytest.approx(inside, abs=2e-3)
+        return np.rad2deg(float(found.tip_angle))
+
+    assert 90 < edge("face", 35 * kPa) < 110
+    before = sg.solve(TURNED, 31 * kPa)
+    assert int(before.status) == OK
+    assert 85 < np.rad2deg(float(before.tip_angle)) < 90
+    assert edge("midline", 37 * kPa) > 90
+
+
+def test_where_the_tips_touch_by_their_offset_is_the_object_s_face():
+    """The same state, whether its place follows from a radius or is given."""
+    by_radius = sg.solve(dataclasses.replace(TURNED, ignored_rules=("clear_of_object",)), 35 * kPa)
+    given = dataclasses.replace(TURNED, tip_offset=float(by_radius.tip[1]))
+    found = sg.solve(given, 35 * kPa)
+    assert Reason(int(found.reason)) is Reason.CLEAR_OF_OBJECT
+    np.testing.assert_allclose(found.margins["clear_of_object"], by_radius.margins["clear_of_object"], rtol=1e-6)
+    assert int(sg.solve(dataclasses.replace(given, tip_offset=-24 * mm), 31 * kPa).status) == OK
+
+
+def test_chambers_of_bent_fingers_stay_above_the_ground():
+    """At rest they stand beside the fingers, higher than the tips; bent, the last one is lower than its tip."""
+
+    def at(stand):
+        return sg.pneunet.Grasp(
+            gripper(), dataclasses.replace(CYLINDER, radius=jnp.asarray(10 * mm)), stand_distance=stand
+        )
+
+    found = sg.solve(at(95 * mm), 25 * kPa)
+    outline = Outline(found)
+    tops = max(outline.corner(X, 0.0, 12.5)[0] for X in outline.X)
+    assert tops > 77
+    assert found.margins["clear_of_ground"] / mm == pytest.approx(95 - tops, abs=0.02)
+    low = sg.solve(at((tops - 0.5) * mm), 25 * kPa)
+    assert Reason(int(low.reason)) is Reason.CLEAR_OF_GROUND
+    assert low.margins["clear_of_ground_at_rest"] > 0
+    assert low.reason_text() == "the bent fingers reach 0.5 mm below the plane that the object stands on"
+
+
+def test_free_fingers_curl_by_one_turn_at_most_where_a_search_may_choose():
+    """A state beyond has its answer, with a remark: a real finger passes beside itself."""
+    scene = sg.pneunet.Free(A, weight=None, inclination="none")
+    steps = 20 * kPa, 45 * kPa
+    for pressure in steps:
+        found = sg.solve(scene, pressure)
+        assert int(found.status) == OK
+        turn = float(found.tip_angle)
+        assert found.margins["one_turn"] / mm == pytest.approx(77 * (1 - turn / (2 * np.pi)), rel=1e-12)
+    assert turn > 2 * np.pi
+    slope = jax.grad(lambda p: sg.solve(scene, p).margins["one_turn"])(steps[1])
+    turning = jax.grad(lambda p: sg.solve(scene, p).tip_angle)(steps[1])
+    assert float(slope) == pytest.approx(-77 * mm / (2 * np.pi) * float(turning), rel=1e-10)
+    problem = Problem(
+        Space({"free": scene}, [Variable("finger.t_m", 0.7 * mm, 1.6 * mm)]),
+        [Goal("maximise", Quantity("tip_angle", steps[1]))],
+    )
+    assert "one_turn" in {rule.rule for rule in problem.rules}
+    best = search(problem, starts=4, steps=30, finishes=2).best
+    assert best.feasible
+    assert best.values[0] == pytest.approx(2 * np.pi, rel=1e-5)
+
+
+def test_chambers_of_one_segment_are_asked_like_those_of_a_uniform_finger():
+    """Two segments of six chambers each had one gap alone, between the two."""
+    short = finger(h_x=0.75, t_m=1.5, h_L=4.5, L=72)
+    scene = sg.pneunet.TipContact(short, inclination="none", ignored_rules=("chambers_apart",))
+    uniform = sg.solve(scene, 31 * kPa)
+    whole = chambers_apart(uniform, TYPE_A | {"h_x": 0.75, "h_L": 4.5, "L": 72.0})
+    for count in (2, 3, 12):
+        listed = dataclasses.replace(short, h_x=np.full(count, 0.75 * mm))
+        assert len(chamber_places(listed)) == 12
+        found = sg.solve(dataclasses.replace(scene, finger=listed), 31 * kPa)
+        np.testing.assert_allclose(found.tip_force, uniform.tip_force, rtol=1e-6)
+        np.testing.assert_allclose(found.margins["chambers_apart"] / mm, whole, atol=0.06)
+        np.testing.assert_allclose(found.margins["chambers_apart"], uniform.margins["chambers_apart"], atol=0.04 * mm)
 
 
 @pytest.mark.parametrize(
