@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from softgrip_jax.commands.programs import QUICKLY, program
+from softgrip_jax.commands.programs import program
+from softgrip_jax.compiler import QUICKLY
 from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.pneunet.cell.law import range_remarks

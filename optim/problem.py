@@ -21,7 +21,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 import softgrip_jax as sg
-from softgrip_jax.commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, files_of, program
+from softgrip_jax.commands.programs import files_of, program
+from softgrip_jax.compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .programs import QUICKLY, program
+from ..compiler import QUICKLY
+from .programs import program
 
 if TYPE_CHECKING:
     from ..results import Solution

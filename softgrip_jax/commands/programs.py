@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ..cache import FOLDER, LEAST_SECONDS, silence, user_folder
+from ..compiler import QUICKLY, known_options
 from ..folders import write_whole
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -23,16 +24,6 @@ OLDER_LOOPS = "--xla_cpu_use_fusion_emitters"
 solve nothing. XLA leaves the process over a flag that it does not know."""
 LOOPS_BELOW = (0, 11)
 """The first version of jaxlib that does not know the flag, and has the newer way alone."""
-SEEN_BELOW = (0, 12)
-"""Versions of jaxlib before this one were seen to know the options that follow."""
-SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
-"""For a program that runs often: all optimisation, on several cores."""
-QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}
-"""For a program that runs once: LLVM's optimisation takes a third of its compile time or more, and saves a finger less
-than a millisecond, an energy membrane 20."""
-MANY_CALLS = QUICKLY | {"xla_cpu_opt_preset": "CPU_OPT_PRESET_FAST_COMPILE"}
-"""For one that calls the same functions from many places: they are simplified once and put in their places at the end.
-A shell's search compiles in two thirds of the time; an energy membrane runs more slowly (jaxlib 0.10.1)."""
 BLAS_THREADS = 1
 """Of OpenBLAS, with which SciPy's LAPACK inverts the Jacobians of fingers one by one: two threads that share 40
 unknowns wait for each other. Where another program has one of the processors that takes a hundred times as long."""
@@ -87,16 +78,14 @@ def program(
     waited for when it is called: whoever asks for several programs before he calls one has the next ones traced
     meanwhile.
 
-    about: what the function holds beside its arguments, in words that are different where that is. options: of XLA's
-    compiler, for the versions of jaxlib that were seen.
+    about: what the function holds beside its arguments, in words that are different where that is. options: see
+    `compiler`.
     """
     import jax
     import jax.numpy as jnp
     import numpy as np
     from jax import export
-    from jaxlib.version import __version_info__ as version
 
-    quickly = options if jax.default_backend() == "cpu" and version < SEEN_BELOW else None
     if _folder is None or not jax.config.values["jax_enable_compilation_cache"]:
         return function
     leaves, tree = jax.tree.flatten(args)
@@ -126,7 +115,7 @@ def program(
             content = pickle.dumps((bytes(exported.serialize()), template))
             file.parent.mkdir(parents=True, exist_ok=True)
             write_whole(file, content)
-    in_jax = jax.jit(exported.call, compiler_options=quickly)
+    in_jax = jax.jit(exported.call, compiler_options=known_options(options))
     compiled = ThreadPoolExecutor(1).submit(lambda: in_jax.lower(*arrays).compile())
 
     def run(*args):

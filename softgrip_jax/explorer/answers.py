@@ -18,7 +18,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..commands.programs import MANY_CALLS, QUICKLY, SIDE_BY_SIDE, program
+from ..commands.programs import program
+from ..compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from ..geometry import Section, has_sections, sections
 from ..model_error import model_error
 from ..questions import _pressure_for, to_reach, to_solve

@@ -14,6 +14,7 @@ from jax import lax
 from jax.sharding import AxisType, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
+from ..compiler import IN_TURN, known_options
 from ..equations import CurveEquations
 from ..errors import InputError
 from ..numerics.xla import traced_once
@@ -82,7 +83,8 @@ class Study:
         self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
-        if any(scene.prepared().solver().in_turn() for scene in scenes.values()):
+        self.in_turn = any(scene.prepared().solver().in_turn() for scene in scenes.values())
+        if self.in_turn:
             self.blocks = Blocks.of(designs.shape, IN_TURN_BATCH)
             self.batch = self.blocks.size
         else:
@@ -117,13 +119,13 @@ class Study:
     @cached_property
     def compiled(self) -> Any:
         """The function of a call's designs. Where the process has several devices each takes its part of them."""
-        devices = jax.devices()
+        devices, options = jax.devices(), known_options(IN_TURN if self.in_turn else None)
         if len(devices) == 1 or self.call % (self.batch * len(devices)):
-            return traced_once(self._batches)
+            return traced_once(self._batches, compiler_options=options)
         mesh = jax.make_mesh((len(devices),), ("devices",), axis_types=(AxisType.Auto,))
         parts = PartitionSpec("devices")
         each = jax.shard_map(self._batches, mesh=mesh, in_specs=parts, out_specs=parts, check_vma=False)
-        return jax.jit(each, in_shardings=NamedSharding(mesh, parts))
+        return jax.jit(each, in_shardings=NamedSharding(mesh, parts), compiler_options=options)
 
     def _batches(self, x: Float[Array, "d n"]) -> dict[str, Array]:
         return lax.map(self.measure, x, batch_size=self.batch)

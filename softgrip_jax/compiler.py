@@ -1,0 +1,29 @@
+"""With which of XLA's options a program is compiled: how often it will run decides."""
+
+from __future__ import annotations
+
+from typing import Any
+
+KNOWN_BELOW = (0, 12)
+"""Versions of jaxlib before this one were seen to know these options."""
+SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
+"""For a program that runs often: all optimisation, on several cores."""
+QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}
+"""For a program that runs once: LLVM's optimisation takes a third of its compile time or more, and saves a finger less
+than a millisecond, an energy membrane 20."""
+CALLED = {"xla_cpu_opt_preset": "CPU_OPT_PRESET_FAST_COMPILE"}
+"""Functions that are called from many places are simplified once and put in their places at the end."""
+MANY_CALLS = QUICKLY | CALLED
+"""For one that calls the same functions from many places: a shell's search compiles in two thirds of the time (jaxlib
+0.10.1)."""
+IN_TURN = SIDE_BY_SIDE | CALLED
+"""For a study of what is solved one after the other, energy membranes: it compiles in two thirds of the time and runs
+as fast, where QUICKLY would have it run five times as long (jaxlib 0.10.1)."""
+
+
+def known_options(options: dict[str, Any] | None) -> dict[str, Any] | None:
+    """The options where XLA knows them, on a CPU; None elsewhere."""
+    import jax
+    from jaxlib.version import __version_info__ as version
+
+    return options if jax.default_backend() == "cpu" and version < KNOWN_BELOW else None
