@@ -162,8 +162,8 @@ def gallery_scenes() -> None:
     objects = {
         "cylinder": (sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, **rubber), None),
         "hexagonal_cylinder": (sg.objects.HexagonalCylinder(side=15 * mm, mass=35 * gram, **rubber), None),
-        "three_face_cone": (sg.objects.ThreeFaceCone(side=45 * mm, height=40 * mm, mass=20 * gram, **rubber), 95 * mm),
-        "cone": (sg.objects.Cone(radius=26 * mm, height=45 * mm, mass=25 * gram, **rubber), 95 * mm),
+        "three_face_cone": (sg.objects.ThreeFaceCone(side=70 * mm, height=80 * mm, mass=15 * gram, **rubber), 95 * mm),
+        "cone": (sg.objects.Cone(radius=24 * mm, height=80 * mm, mass=15 * gram, **rubber), 100 * mm),
     }
     states = {
         "shell_flat": sg.solve(sg.shell.FlatContact(shell, distance=5 * mm), 15 * kPa),
@@ -176,6 +176,7 @@ def gallery_scenes() -> None:
     for name, (held, distance) in objects.items():
         states[f"grasp_{name}"] = sg.pressure_for(sg.pneunet.Grasp(gripper, held, stand_distance=distance))
     for name, state in states.items():
+        assert int(state.status) == sg.Status.OK, (name, state.reason_text())
         plots.draw(state).savefig(IMAGES / f"gallery_{name}.png", dpi=GALLERY_DPI)
     curve = plots.pressure_curve(sg.shell.Free(shell)).figure
     assert isinstance(curve, Figure)

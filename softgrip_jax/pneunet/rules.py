@@ -15,7 +15,7 @@ from ..numerics.choice import larger, largest, smaller, smallest
 from ..numerics.quadrature import Points, between, integrals
 from ..units import mm
 from .beam.collocation import AtPoints, Line, Part
-from .finger import PneuNet
+from .finger import ROUNDING, PneuNet
 
 Scalar = Float[Array, ""]
 
@@ -148,11 +148,23 @@ def end_inside(line: Line, depth: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def lowest_of_chambers(finger: PneuNet, parts: Part, line: Line, points: Points) -> Scalar:
-    """The largest x (m) of the tops of the chambers, as a line at z = H/2 + 2a up to the finger's end, which the last
-    chamber may reach."""
-    top = -(0.5 * finger.H + 2 * parts.chamber.fields["a"]) / finger.L
-    along = largest(line_inside(line, parts, top, points)[0])
-    return finger.L * larger(along, end_inside(line, top[-1])[0])
+    """The largest x (m) of the tops of the chambers, as a line at z = H/2 + 2a up to the end of the last chamber."""
+    fields, widths = parts.chamber.fields, parts.high - parts.low
+    top, bare = -(0.5 * finger.H + 2 * fields["a"]) / finger.L, after_chambers(finger) / finger.L
+    x = line_inside(line, parts, top, points)[0]
+    places = (parts.low[:, None] + widths[:, None] * points.places[None]).reshape(-1)
+    corner = end_inside(line, top[-1])[0] - bare * jnp.cos(line.angles[-1])
+    return finger.L * larger(largest(jnp.where(places < 1 - bare, x, corner)), corner)
+
+
+def after_chambers(finger: PneuNet) -> Scalar:
+    """Length of the cover (m) between the last chamber, which the end of a uniform finger may cut, and the tip."""
+    h_x, h_L = (value if jnp.ndim(value) == 0 else value[-1] for value in (finger.h_x, finger.h_L))
+    pitch = 2 * h_x + h_L
+    if finger.segments is not None:
+        return finger.segment_lengths[-1] / larger(finger.whole_chambers[-1], 1.0) * h_x / pitch
+    left = finger.L - pitch * jnp.floor(finger.L / pitch + ROUNDING)
+    return jnp.where(left > h_x, larger(left - h_x - h_L, 0.0), left + h_x)
 
 
 def one_turn(finger: PneuNet, turns: Float[Array, " parts"]) -> Scalar:

@@ -24,6 +24,7 @@ from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, app, run
 from softgrip_jax.errors import InputError
 from softgrip_jax.geometry.finger import chamber_places
+from softgrip_jax.pneunet.rules import after_chambers
 from softgrip_jax.quantities import Quantity, QuantitySet, all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
 from softgrip_jax.shell.obstacles import Cylinder as Rod
@@ -523,8 +524,16 @@ def test_chambers_of_bent_fingers_stay_above_the_ground():
 
     found = sg.solve(at(95 * mm), 25 * kPa)
     outline = Outline(found)
+    # Of 12.8 segments the last one has 0.9 mm of gap and a chamber that is cut by the end.
     tops = max(outline.corner(X, 0.0, 12.5)[0] for X in outline.X)
     assert tops > 77
+    assert after_chambers(A) == 0
+    for length, bare in ((72.5, 1.4), (72.0, 0.9), (77.8, 0.7)):
+        assert float(after_chambers(finger(L=length))) / mm == pytest.approx(bare)
+        last = chamber_places(finger(L=length))[-1]
+        assert length - last.last == pytest.approx(bare)
+    listed = finger(h_x=[0.9, 0.9, 0.8, 1.0], L=24.8)
+    assert float(after_chambers(listed)) / mm == pytest.approx(24.8 - chamber_places(listed)[-1].last)
     assert found.margins["clear_of_ground"] / mm == pytest.approx(95 - tops, abs=0.02)
     low = sg.solve(at((tops - 0.5) * mm), 25 * kPa)
     assert Reason(int(low.reason)) is Reason.CLEAR_OF_GROUND
