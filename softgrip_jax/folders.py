@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
@@ -16,6 +17,10 @@ from .errors import ConfigError
 
 RUNS = Path("runs")
 """Where runs go that are given no folder: runs/<name of the config>-001 and so on."""
+
+
+NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
+"""What a system says of a file that it has opened and cannot write on; it names no file then."""
 
 
 @contextmanager
@@ -34,10 +39,15 @@ def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
             raise ConfigError(f"{final} has come to exist during the run, which was given up so as not to replace it.")
         os.rename(unfinished, final)
     except OSError as error:
+        if error.filename is None and error.errno in NO_ROOM:
+            raise ConfigError(f"{final} cannot be written: {_reason(error)}; nothing of it is kept.") from None
         if not str(error.filename).startswith(str(unfinished)):
             raise
         own = final / Path(error.filename).relative_to(unfinished)
         raise ConfigError(f"{own} cannot be written: {_reason(error)}.") from None
+    except ConfigError as error:
+        error.args = (str(error).replace(str(unfinished), str(final)),)
+        raise
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.stats import qmc
 
-from softgrip_jax.errors import InputError
+from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.folders import DeferInterrupt
 
 from ..problem import Problem, Scaling
@@ -56,6 +56,11 @@ RANGES_AWAY = 10.0
 """In ranges: from a point this far along one goal, the diagonal asks nothing of it."""
 
 NO_FRONT = "No design that keeps every constraint was found; there is no front."
+
+
+class NoFrontError(ConfigError):
+    """There is nothing to trade off: a search of all goals together tells what is in the way."""
+
 
 DISTINCT = 1e-3
 """Two designs whose goals all differ by less of their ranges are one point of the front."""
@@ -111,6 +116,7 @@ def pareto(
 
     Raises:
         InputError: for another number of goals, and for fewer than two points.
+        NoFrontError: where no design that keeps every constraint was found.
 
     Source: docs/theory/search.md.
 
@@ -145,7 +151,7 @@ def pareto(
     # Along the whole way one may prove to have no equilibrium though designs nearby led to it.
     kept = [k for k, design in enumerate(designs) if design.feasible]
     if not kept:
-        raise InputError(NO_FRONT)
+        raise NoFrontError(NO_FRONT)
     designs, terms = [designs[k] for k in kept], terms[kept]
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
     return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped or waiting.asked)
@@ -194,7 +200,7 @@ class _Known:
             self.evaluate.solves += found.solves
             self.add(np.stack([design.t for design in found.designs]))
         if not np.any(np.isfinite(self.broken)):
-            raise InputError("No design with an equilibrium was found; there is no front to begin with.")
+            raise NoFrontError("No design with an equilibrium was found; there is no front to begin with.")
         self.best, self.worst = np.zeros(len(problem.goals)), np.ones(len(problem.goals))
         self.ends = np.zeros(0, dtype=int)
         self.visited: list[tuple[np.ndarray, np.ndarray, float]] = []
@@ -247,7 +253,7 @@ class _Known:
             self.add(on_bounds(np.stack(found)))
         feasible = self.broken <= FEASIBLE
         if not np.any(feasible):
-            raise InputError(NO_FRONT)
+            raise NoFrontError(NO_FRONT)
         if goals == 2:
             self.ends = np.argmin(np.where(feasible[:, None], self.scaled() @ weights.T, np.inf), axis=0)
         else:

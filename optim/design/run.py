@@ -54,6 +54,7 @@ from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
+from .pareto import NoFrontError
 from .islands import evaluator_on
 
 AMPLE = 100.0
@@ -77,7 +78,12 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     if wanted.is_front:
         if spread is not None:
             raise ConfigError(f"{config}, [design]: a front is searched in one process; leave out --workers.")
-        return run_front(given, read, wanted, out, console)
+        try:
+            return run_front(given, read, wanted, out, console)
+        except NoFrontError as error:
+            words = "A search of all goals added up says what is in the way."
+            console.print(f"{error} {words}", soft_wrap=True, markup=False)
+            wanted = wanted.without_front()
     robust, scattered, missed = None, None, ""
     if wanted.uncertain is not None:
         if spread is not None:

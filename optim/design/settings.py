@@ -107,6 +107,12 @@ class Settings:
     is_front: bool
     uncertain: Uncertain | None = None
     """What scatters, where a robust design is wanted."""
+    of_search: dict[str, Any] = dataclasses.field(default_factory=dict)
+    """The arguments of `search` where `arguments` are those of a front."""
+
+    def without_front(self) -> Settings:
+        """One search of all goals, added up."""
+        return dataclasses.replace(self, arguments=self.of_search, is_front=False)
 
 
 def read(config: configs.Config) -> Settings:
@@ -140,16 +146,17 @@ def read(config: configs.Config) -> Settings:
         )
         if both:
             problem.different_laws = (*sentences, BOTH, SENTENCE)
+    of_search = {n: getattr(table, n) for n in ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")}
     if table.front is None:
-        names = ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")
         scattered = None
         if uncertain is not None:
             scattered = read_uncertain(uncertain, space, draws, required, where)
             require_counted(problem, scattered, where)
-        return Settings(problem, {name: getattr(table, name) for name in names}, False, scattered)
+        return Settings(problem, of_search, False, scattered)
     if len(problem.goals) not in (2, 3):
         raise ConfigError(f"{where}: a front is between two or three goals; there are {len(problem.goals)}.")
-    return Settings(problem, {"points": table.front, "starts": table.starts, "seed": table.seed}, True)
+    of_front = {"points": table.front, "starts": table.starts, "seed": table.seed}
+    return Settings(problem, of_front, True, of_search=of_search)
 
 
 def asked_first(problem: Problem) -> tuple[str, State]:

@@ -13,7 +13,6 @@ posterior.nc is netCDF with the groups that ArviZ knows:
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -104,10 +103,8 @@ def write_file(folder: Path, found: Posterior, numbers: Sequence[Varied]) -> Non
             where,
         ),
     }
-    path = folder / FILE
-    for k, (group, dataset) in enumerate(groups.items()):
-        dataset.to_netcdf(path, mode="w" if k == 0 else "a", group=group, engine="h5netcdf")
-    os.utime(path)
+    # HDF5 itself, on a disk that is full, would end the process.
+    (folder / FILE).write_bytes(xr.DataTree.from_dict(groups).to_netcdf(engine="h5netcdf"))
 
 
 def write_pictures(folder: Path, found: Posterior, numbers: Sequence[Varied]) -> None:

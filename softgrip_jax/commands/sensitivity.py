@@ -133,7 +133,8 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
                 _joint(read_config, wanted),
             )
         (folder / "config.toml").write_bytes(configs.standalone(config))
-        data.to_netcdf(folder / "sensitivity.nc", engine="h5netcdf")
+        # HDF5 itself, on a disk that is full, would end the process.
+        (folder / "sensitivity.nc").write_bytes(data.to_netcdf(engine="h5netcdf"))
         _write(folder, data)
         _draw(folder, data)
         tell_and_keep(folder, console, partial(report, data))

@@ -12,6 +12,7 @@ import xarray as xr
 from rich.console import Console
 
 from ..errors import ConfigError
+from ..folders import write_whole
 from ..quantities import shown
 from ..reasons import Reason
 from ..study.dataset import designs_in, loaded, quantities_of, rows_of, varied_in
@@ -110,4 +111,4 @@ def draw(data: xr.Dataset, path: Path) -> None:
     if count > LINES and (len(dims) != 1 or dims[0] not in data.coords) and sum(data.sizes[d] > 1 for d in dims) != 2:
         chosen = np.sort(np.random.default_rng(0).choice(count, LINES, replace=False))
         data = rows_of(data, chosen).assign_attrs(designs=count)
-    plots.study(loaded(data)).savefig(path)
+    write_whole(path, plots.study(loaded(data)).savefig)

@@ -88,7 +88,7 @@ def read(config: configs.Config) -> tuple[Study, str]:
     if table.method == "csv":
         path = config.path.parent / str(table.file)
         numbers, designs = _from_csv(config, path, numbers, where)
-        identity += path.read_text(encoding="utf-8")
+        identity += path.read_text(encoding="utf-8-sig")
     else:
         designs = _spread(table, numbers, where)
     quantities = []
@@ -144,7 +144,7 @@ def _from_csv(
     config: configs.Config, path: Path, numbers: list[Varied], where: str
 ) -> tuple[list[Varied], TableOfDesigns]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             header, *lines = list(csv.reader(file)) or [[]]
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{where}: {path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
@@ -161,10 +161,14 @@ def _from_csv(
         if not any(cell.strip() for cell in line):
             continue
         spot, row = f"{path}, line {count}", []
+        if any(cell.strip() for cell in line[len(header) :]):
+            raise ConfigError(
+                f"{spot}: there are {len(line)} cells below {len(header)} columns; a decimal comma must be a point."
+            )
         for place, number in zip(places, numbers, strict=True):
             cell = line[place].strip() if place < len(line) else ""
             try:
-                value = float(cell)
+                value = float(cell if "_" not in cell else "")  # Python would read 1_0 as 10
             except ValueError:
                 raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number.") from None
             row.append(number.checked(value, "the value", spot))
