@@ -94,10 +94,14 @@ def chamber_places(finger: PneuNet) -> list[Place]:
         starts = np.arange(0.0, length - NOTHING, pitch)
         pitches = np.full(starts.shape, pitch)
     else:
+        # Whole chambers in the middle of their segment, as a mould has them; one that is squeezed fills it.
         counts = np.maximum(np.asarray(finger.whole_chambers).astype(int), 1)
         numbers = {name: np.repeat(np.broadcast_to(values, counts.shape), counts) for name, values in numbers.items()}
-        pitches = np.repeat(np.asarray(finger.segment_lengths) / mm / counts, counts)
-        starts = np.cumsum(pitches) - pitches
+        lengths, own = np.asarray(finger.segment_lengths) / mm, np.broadcast_to(finger.pitch / mm, counts.shape)
+        taken = np.minimum(own, lengths)
+        before = np.cumsum(lengths) - lengths + 0.5 * (lengths - counts * taken)
+        pitches = np.repeat(taken, counts)
+        starts = np.concatenate([at + pitch * np.arange(n) for at, pitch, n in zip(before, taken, counts, strict=True)])
     fields = {name: np.broadcast_to(values, starts.shape) for name, values in numbers.items()}
     gaps = pitches * fields["h_x"] / (2 * fields["h_x"] + fields["h_L"])
     firsts, ends = starts + gaps, np.minimum(starts + pitches, length)

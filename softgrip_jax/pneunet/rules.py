@@ -118,10 +118,16 @@ def chambers_apart(finger: PneuNet, parts: Part, curvature: AtPoints, points: Po
 
 
 def clear_of_clamp(finger: PneuNet, parts: Part, line: Line, points: Points) -> Scalar:
-    """The least x (m) of the first chamber, which may lean back, and of the outer half of the mid-line."""
+    """The least x (m) of the first chamber, which may lean back, and of the outer half of the mid-line.
+
+    It is half a pitch from the clamp; of a nonuniform finger also half of what its segment has beside whole chambers.
+    """
     fields, foot = parts.chamber.fields, 0.5 * finger.H
     widths = parts.high - parts.low
     pitch = 2 * fields["h_x"][0] + fields["h_L"][0]
+    if finger.segments is not None:
+        count = larger(jnp.reshape(finger.whole_chambers, (-1,))[0], 1.0)
+        pitch = larger(finger.L * widths[0] - (count - 1) * pitch, pitch)
     local = smaller(0.5 * pitch / (finger.L * widths[0]), 1.0)
     turn = widths[0] * between(line.curvature, local, 0, points)[1]
     first = 0.5 * gap_over(2 * turn, pitch, fields["h_L"][0], 2 * fields["a"][0], foot)
@@ -162,7 +168,10 @@ def after_chambers(finger: PneuNet) -> Scalar:
     h_x, h_L = (value if jnp.ndim(value) == 0 else value[-1] for value in (finger.h_x, finger.h_L))
     pitch = 2 * h_x + h_L
     if finger.segments is not None:
-        return finger.segment_lengths[-1] / larger(finger.whole_chambers[-1], 1.0) * h_x / pitch
+        # One that is squeezed keeps its share of the gap.
+        room = finger.segment_lengths[-1]
+        whole = 0.5 * (room - finger.whole_chambers[-1] * pitch) + h_x
+        return jnp.where(finger.whole_chambers[-1] >= 1, whole, room * h_x / pitch)
     left = finger.L - pitch * jnp.floor(finger.L / pitch + ROUNDING)
     return jnp.where(left > h_x, larger(left - h_x - h_L, 0.0), left + h_x)
 

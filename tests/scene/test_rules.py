@@ -21,6 +21,7 @@ from optim.design.descent import search
 from optim.problem import Goal, Problem
 from optim.space import Space, Variable
 from softgrip_jax import plots
+from softgrip_jax.cad.finger_parts import chambers_of as moulded_chambers
 from softgrip_jax.cli import NO_ANSWER, app, run
 from softgrip_jax.errors import InputError
 from softgrip_jax.geometry.finger import chamber_places
@@ -577,6 +578,21 @@ def test_chambers_of_one_segment_are_asked_like_those_of_a_uniform_finger():
         np.testing.assert_allclose(found.tip_force, uniform.tip_force, rtol=1e-6)
         np.testing.assert_allclose(found.margins["chambers_apart"] / mm, whole, atol=0.06)
         np.testing.assert_allclose(found.margins["chambers_apart"], uniform.margins["chambers_apart"], atol=0.04 * mm)
+
+
+def test_chambers_of_segments_stand_where_a_mould_has_them():
+    """In pictures, and for the palm: the first one of a long segment is far from it."""
+    long = finger(h_x=[1.0, 1.0], h_L=[18.0, 18.0])
+    for made in (long, finger(h_x=np.full(12, 0.9)), finger(h_x=np.full(3, 0.9))):
+        moulded = [(one.start, one.end) for one in moulded_chambers(made)]
+        np.testing.assert_allclose([(one.first, one.last) for one in chamber_places(made)], moulded, rtol=1e-12)
+    scene = sg.pneunet.Grasp(
+        sg.pneunet.Gripper(long, base_radius=19.61 * mm), dataclasses.replace(CYLINDER, radius=jnp.asarray(19 * mm))
+    )
+    found = sg.solve(scene, 40 * kPa)
+    assert int(found.status) == OK, found.reason_text()
+    lean = Outline(found).corner(19.25, -9.0, 12.5)[0]
+    assert found.margins["clear_of_clamp"] / mm == pytest.approx(lean, abs=0.1)
 
 
 @pytest.mark.parametrize(
