@@ -192,6 +192,10 @@ def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list
     raise ConfigError(f"{path}: there is no header line with the columns {wanted}; the first line is {found!r}.")
 
 
+LARGEST = 1e30
+"""No number that was measured is larger, in no unit; squares of larger ones could not be added."""
+
+
 def _number(text: str, column: Column, path: Path, line: int) -> float:
     if text.lower() in MISSING:
         return np.nan
@@ -199,9 +203,11 @@ def _number(text: str, column: Column, path: Path, line: int) -> float:
         value = float(text)
     except ValueError:
         value = np.inf
-    if not np.isfinite(value):
+    if not abs(value) < LARGEST:
         hint = "; write decimals with a point" if text.replace(",", "", 1).lstrip("+-").isdigit() else ""
-        raise ConfigError(f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number{hint}.")
+        raise ConfigError(
+            f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number below {LARGEST:g}{hint}."
+        )
     return value
 
 

@@ -285,7 +285,10 @@ def reached(fitting: Fitting, member: FitMember, parameters: int) -> tuple[FitMe
         InputError: where too few are left for so many parameters.
     """
     asked = int(np.asarray(member.weight).sum())
-    member, dropped = _without_lost_points(fitting, with_noise(fitting, member))
+    given = with_noise(fitting, member)
+    member, dropped = _without_lost_points(fitting, given)
+    if dropped:
+        member, dropped = _without_what_ends_it(fitting, given, member, dropped)
     left = int(member.weight.sum())
     if left <= parameters:
         why = implausible(fitting) or ["where the fit ends the others lie beyond the limit point of the model."]
@@ -391,6 +394,40 @@ def _without_lost_points(fitting: Fitting, member: FitMember) -> tuple[FitMember
                 else f"{curve.name}: {count} left out: the material does not reach their strain."
             )
     return member, notes
+
+
+def _without_what_ends_it(
+    fitting: Fitting, given: FitMember, member: FitMember, dropped: list[str]
+) -> tuple[FitMember, list[str]]:
+    """The member where points were lost, or a fit that reaches more of them without those that hold it at its limit.
+
+    A value far too large is met by a model next to its limit point, whatever lies beyond; and next to it the slopes are
+    so large that the interval would be nothing.
+    """
+    response = fitting.predict_at(fitting.space.from_unit(to_unit(member.start))).response
+    weight, kept = np.asarray(given.weight), np.asarray(member.weight)
+    held = (kept > 0) & (np.asarray(response.share) > NEAR_LIMIT)
+    if not held.any() or (weight * ~held).sum() <= fitting.space.size:
+        return member, dropped
+    freed = with_noise(fitting, given._replace(weight=jnp.asarray(weight * ~held)))
+    trial, notes = _without_lost_points(fitting, freed)
+    if int(trial.weight.sum()) <= int(member.weight.sum()):
+        return member, dropped
+    more = int(trial.weight.sum()) - int((kept * ~held).sum())
+    for k, curve in enumerate(fitting.curves):
+        own = held & (fitting.of_curve == k)
+        if own.any():
+            unit, value = curve.unit
+            beside, size = ("", 1.0) if curve.quantity == "stress" else (" kPa", DISPLAY["pressure"][1])
+            there = ", ".join(
+                f"{y / value:.4g} {unit} at {x / size:.4g}{beside}"
+                for x, y in zip(fitting.x[own], fitting.y[own], strict=True)
+            )
+            notes.append(
+                f"{curve.name}: left out {there}: with it the model ends below {more} of the other points; is it an "
+                "outlier?"
+            )
+    return trial, notes
 
 
 def off_bounds(fitting: Fitting, u: Any) -> np.ndarray:

@@ -201,7 +201,8 @@ def _curve(models: dict[str, Any], table: CurveTable, config: configs.Config, wh
     x = column(x_table, "number" if table.strain else "pressure", place)
     y = column(table.measured, kind, place)
     noise = None if table.measured.noise is None else table.measured.noise * y.factor
-    found = read_specimens(config.path.parent, table.file, table.name, x, y)
+    with located(f"{config.path}, [calibrate]"):
+        found = read_specimens(config.path.parent, table.file, table.name, x, y)
     return Curve(table.name, model, quantity, kind, component=component, noise=noise, fit=table.fit, **found)
 
 
@@ -257,13 +258,11 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
     """x, y, specimen, specimens and notes of a Curve from one file, or from one per specimen."""
     files = [file] if isinstance(file, str) else file
     if not files:
-        raise ConfigError(f"The list of files of curve {name!r} is empty; it must name one or more.")
+        raise InputError(f"The list of files of curve {name!r} is empty; it must name one or more.")
     if len({(folder / one).resolve() for one in files}) < len(files):
-        raise ConfigError(f"Curve {name!r} names a file twice; a specimen counts once.")
+        raise InputError(f"Curve {name!r} names a file twice; a specimen counts once.")
     if x.name == y.name:
-        raise ConfigError(
-            f"Curve {name!r} takes the column {x.name!r} twice, for what is set and for what is measured."
-        )
+        raise InputError(f"Curve {name!r} takes the column {x.name!r} twice, for what is set and for what is measured.")
     parts, notes = [], []
     for one in files:
         data, said = read_columns(folder / one, [x, y])

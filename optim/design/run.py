@@ -54,8 +54,8 @@ from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
-from .pareto import NoFrontError
 from .islands import evaluator_on
+from .pareto import NoFrontError
 
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""

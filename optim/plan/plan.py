@@ -23,6 +23,8 @@ from .settings import Settings
 NORMAL_95 = 1.96
 MOST_ROUNDS = 20
 """Times that every candidate of a measurement is repeated, at most, before it is said not to help."""
+MOST_EXACT = 1e9
+"""A measured value over its noise: nobody measures better."""
 BLIND = 1e3
 """Relative standard deviation of what nothing is known of: large, and safe to invert."""
 
@@ -122,6 +124,13 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
             values.append(np.where(known[-1], predicted.response.values[:, place], np.nan))
             x.append(one.curve.x)
         of.append(np.full(len(x[-1]), k))
+    for one, row, good in zip(settings.measurements, rows, known, strict=True):
+        most = float(np.max(np.abs(np.where(good[..., None], row, 0.0)), initial=0.0))
+        if most > MOST_EXACT:
+            raise InputError(
+                f"{one.table.name}: the noise is {one.table.noise:g} {one.table.unit}, {1 / most:.0e} of what is "
+                f"measured; it must be at least {1 / MOST_EXACT:g} of that."
+            )
     ok = np.concatenate(known, axis=1)
     row = np.where(ok[..., None], np.concatenate(rows, axis=1), 0.0)
     place = np.concatenate(of)
@@ -217,6 +226,12 @@ def _unknown(names: list[str], rows: np.ndarray) -> list[tuple[np.ndarray, tuple
     return found
 
 
+def _told(C: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """The covariance after a measurement of noise 1 with this row: (C^-1 + row row^T)^-1."""
+    moved = C @ row
+    return C - np.outer(moved, moved) / (1 + row @ moved)
+
+
 def _remedies(
     settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarray, k: int, direction: np.ndarray
 ) -> tuple[tuple[str, int, float], ...]:
@@ -227,13 +242,15 @@ def _remedies(
         added = rows[of == other]
         if other == k or not np.any(added):
             continue
-        P = own.T @ own + np.eye(len(direction)) / BLIND**2
+        # By one row after the other: with small noises the sum of their squares could not be inverted.
+        C = BLIND**2 * np.eye(len(direction))
+        for row in own:
+            C = _told(C, row)
         for count in range(1, MOST_ROUNDS * len(added) + 1):
-            C = np.linalg.inv(P)
             moved = added @ C
             best = added[np.argmax((moved @ direction) ** 2 / (1 + np.einsum("ij,ij->i", moved, added)))]
-            P = P + np.outer(best, best)
-            if np.sqrt(direction @ np.linalg.inv(P) @ direction) < HELPFUL:
+            C = _told(C, best)
+            if np.sqrt(max(direction @ C @ direction, 0.0)) < HELPFUL:
                 found.append((one.table.name, count, count * float(costs[of == other][0])))
                 break
     return tuple(sorted(found, key=lambda remedy: remedy[2]))

@@ -58,11 +58,16 @@ def side_by_side(problem: Problem, result: SearchResult, robust: Robust) -> list
         kind, label = problem.kinds[k], problem.label(goal.quantity)
         change = (best.values[k] - nominal.values[k]) / abs(nominal.values[k] or np.nan)
         rows.append((label, in_units(nominal.values[k], kind), f"{in_units(best.values[k], kind)} ({change:+.1%})"))
-        for share in (LOW, HIGH):
+        wanted = robust.uncertain.wanted
+        # The quantile of what is maximised is counted from above.
+        own = wanted.share if goal.kind != "maximise" else 1 - wanted.share
+        asked = {own} if wanted.goal == "quantile" else set()
+        for share in sorted({LOW, HIGH} | asked):
             each = [
                 in_units(_quantile(count.values[:, j], share), kind) for count in (robust.of_nominal, robust.of_best)
             ]
-            rows.append((f"... of {share:.0%} of the parts it is below", each[0], each[1]))
+            words = " (the goal)" if share in asked else ""
+            rows.append((f"... of {100 * share:.4g}% of the parts it is below{words}", each[0], each[1]))
     counts = (robust.of_nominal, robust.of_best)
     rows.append(("yield counted", *(f"{count.share:.2%}" for count in counts)))
     if robust.share is not None:

@@ -198,6 +198,7 @@ class Scattered:
         own = designs_at(problem, judging, self.designs, best.t[None])[0]
         wanted = self.uncertain.wanted
         what = f"a yield of {wanted.promised:.4g}" if wanted.promised else f"the {wanted.goal} case of its parts"
+        what += "" if best.kept else ", which no design was found to keep"
         own = dataclasses.replace(own, feasible=is_feasible(own, best.kept), active=(what, *own.active))
         start = problem.space.to_unit(problem.space.reference)
         return dataclasses.replace(

@@ -125,6 +125,8 @@ def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[
     keys = [n.name if isinstance(n.name, str) else n.name[0] for n in table.numbers]
     try:
         scatters = Scatters(numbers, _correlation(keys, table, where), draws)
+    except ConfigError:
+        raise
     except InputError as error:
         raise ConfigError(f"{where}: {error}") from None
     if draws is not None:
@@ -251,7 +253,10 @@ def _correlation(keys: list[str], table: UncertainTable, where: str) -> np.ndarr
         if one.between[0] == one.between[1]:
             raise ConfigError(f"{where}: {one.between[0]!r} is correlated with itself; name two numbers.")
         if not -1 < one.value < 1:
-            raise ConfigError(f"{where}: a correlation is {one.value:g}; it must be between -1 and 1, both excluded.")
+            pair = " and ".join(one.between)
+            raise ConfigError(
+                f"{where}: the correlation of {pair} is {one.value:g}; it must be between -1 and 1, both excluded."
+            )
         i, j = (keys.index(key) for key in one.between)
         matrix[i, j] = matrix[j, i] = one.value
     return matrix

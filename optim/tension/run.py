@@ -91,7 +91,8 @@ def read(path: Path) -> tuple[TensionTable, Curve]:
     where = f"{path}, [tension]"
     table: TensionTable = configs.validated(TensionTable, configs.read_sections(path)["tension"], where)
     x, y = column(table.strain, "number", where), column(table.stress, "pressure", where)
-    found = read_specimens(path.parent, table.file, "tension", x, y)
+    with located(where):
+        found = read_specimens(path.parent, table.file, "tension", x, y)
     if table.compare_percent is not None and any(not w > 0 for w in table.compare_percent):
         raise ConfigError(f"{where}: compare_percent is {table.compare_percent}; strains are positive.")
     return table, Curve("tension test", TEST, "stress", "pressure", **found)

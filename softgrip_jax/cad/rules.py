@@ -14,8 +14,10 @@ import pydantic
 
 from ..config.keys import Table
 
-Length = Annotated[float, pydantic.Field(gt=0, strict=False)]
-Width = Annotated[float, pydantic.Field(ge=0, strict=False)]
+LARGEST = 10_000.0
+"""mm: no printer and no bench is larger."""
+Length = Annotated[float, pydantic.Field(gt=0, le=LARGEST, strict=False)]
+Width = Annotated[float, pydantic.Field(ge=0, le=LARGEST, strict=False)]
 
 
 class ManufactureTable(Table):

@@ -72,6 +72,8 @@ def summary(
     found = run_summary(study, best, most, where or [], count, plot, as_json, console_for(as_json))
     if as_json:
         typer.echo(json.dumps(found, indent=2, allow_nan=False))
+    if best is not None and not found["best"]:
+        raise typer.Exit(NO_ANSWER)
 
 
 @app.command()
@@ -82,15 +84,19 @@ def sensitivity(
 ) -> None:
     """Say which numbers of a design matter for what: elasticities, and what manufacturing tolerances do.
 
+    Exit code 1 where no quantity has a value.
+
     - softgrip sensitivity configs/shell_grasp.toml
 
     - softgrip sensitivity configs/shell_tolerances.toml
     """
     from ..commands.sensitivity import as_data, run_sensitivity
 
-    folder = run_sensitivity(config, out, console_for(as_json))
+    folder, answered = run_sensitivity(config, out, console_for(as_json))
     if as_json:
         tell_folder(as_json, folder, {"quantities": as_data(folder)})
+    if not answered:
+        raise typer.Exit(NO_ANSWER)
 
 
 @app.command()

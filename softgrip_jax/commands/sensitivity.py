@@ -16,6 +16,7 @@ where there are tolerances, tolerances.csv.
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,9 +31,19 @@ from ..config.keys import Seed, Table, Varied, all_numbers, quantity, states_of,
 from ..draws import read_draws
 from ..errors import ConfigError, located
 from ..folders import contents, new_folder
-from ..parameters import Parameter
+from ..parameters import Parameter, Scenes
 from ..progress import stages
-from ..quantities import LIMIT_MARGIN, REQUIRED, Quantity, State, observables_of, shown
+from ..quantities import (
+    AT_REST,
+    LIMIT_MARGIN,
+    REQUIRED,
+    Quantity,
+    QuantitySet,
+    State,
+    observables_of,
+    shown,
+    solution_at,
+)
 from ..report.run import tell_and_keep, write_report
 from ..results import Status, in_units
 from ..study import sensitivity
@@ -116,8 +127,9 @@ def _asked_by_solve(config: configs.Config) -> list[Quantity]:
     return [Quantity(n, at) for n in names if not (n == LIMIT_MARGIN and at == 0.0)]
 
 
-def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
-    """Analyse what the config says, print it, and return the folder that holds it."""
+def run_sensitivity(config: Path, out: Path | None, console: Console) -> tuple[Path, bool]:
+    """Analyse what the config says, print it, and return the folder that holds it, and whether any quantity has a
+    value."""
     read_config = configs.load(config)
     wanted = read(read_config)
     with new_folder(out, config.stem) as (folder, final):
@@ -137,10 +149,21 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> Path:
         (folder / "sensitivity.nc").write_bytes(data.to_netcdf(engine="h5netcdf"))
         _write(folder, data)
         _draw(folder, data)
-        tell_and_keep(folder, console, partial(report, data))
+        missing = _unanswered(read_config.scenes, wanted.quantities, data["status"].values)
+        tell_and_keep(folder, console, partial(report, data, missing=missing))
         write_report(folder, final.name)
     console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
-    return final
+    return final, bool(np.any(data["status"].values == Status.OK))
+
+
+def _unanswered(scenes: Scenes, quantities: list[Quantity], statuses: np.ndarray) -> list[str]:
+    """A sentence for every state that the design itself does not have."""
+    asked, found = QuantitySet(scenes, quantities), {}
+    for one, status in zip(asked.quantities, statuses, strict=True):
+        if status != Status.OK and one.at is not None and one.at != AT_REST:
+            why = solution_at(scenes[str(one.scene)], one.at).reason_text()
+            found[one.state] = f"{one.state_label()}: {Status(int(status)).name}, {why.rstrip('.')}."
+    return list(found.values())
 
 
 def _joint(config: configs.Config, wanted: Wanted) -> np.ndarray | None:
@@ -193,8 +216,8 @@ def _draw(folder: Path, data: xr.Dataset) -> None:
         plots.elasticities(answered).savefig(folder / "elasticities.png")
 
 
-def report(data: xr.Dataset, console: Console) -> None:
-    """Tables for people."""
+def report(data: xr.Dataset, console: Console, missing: Sequence[str] = ()) -> None:
+    """Tables for people, and why quantities have no value."""
     names = [str(name) for name in data["quantity"].values]
     table = PrintedTable(title="elasticities: % for 1 % of", title_justify="left")
     table.add_column("")
@@ -202,11 +225,13 @@ def report(data: xr.Dataset, console: Console) -> None:
         # Spaces are where a heading may be broken into lines.
         table.add_column(name.replace("_", " "), justify="right")
     values = zip(data["value"].values, data["kind"].values, data["status"].values, strict=True)
-    table.add_row("value", *(shown(v, str(k)) if s == 0 else Status(int(s)).name for v, k, s in values))
+    table.add_row("value", *(_shown(v, str(k), s) for v, k, s in values))
     table.add_section()
     for by in data["by"].values:
         table.add_row(str(by), *(_signed(v) for v in data["elasticity"].sel(by=by).values))
     console.print(table)
+    for sentence in missing:
+        console.print(sentence, soft_wrap=True, markup=False)
     if "share" not in data:
         return
     table = PrintedTable(title="standard deviation from the tolerances", title_justify="left")
@@ -215,15 +240,22 @@ def report(data: xr.Dataset, console: Console) -> None:
     for k, name in enumerate(names):
         row, kind = data.isel(quantity=k), str(data["kind"].values[k])
         share = np.nan_to_num(row["share"].values)
+        sampled, error = row["deviation_by_sampling"].values, row["deviation_error"].values
         table.add_row(
             name.replace("_", " "),
-            shown(row["value"].values, kind),
+            _shown(row["value"].values, kind, row["status"]),
             in_units(row["deviation_by_gradient"].values, kind),
-            f"{in_units(row['deviation_by_sampling'].values, kind)} ± {_number(row['deviation_error'].values, kind)}",
+            # Of a design without the state, the samples that have it say nothing.
+            f"{in_units(sampled, kind)} ± {_number(error, kind)}" if row["status"] == Status.OK else "-",
             f"{float(row['answered']):.1%}",
             f"{data['by'].values[share.argmax()]} ({share.max():.0%})" if share.max() > 0 else "-",
         )
     console.print(table)
+
+
+def _shown(value: Any, kind: str, status: Any) -> str:
+    """A value, or why there is none; how far a limit is is known beyond it, too."""
+    return shown(value, kind) if np.isfinite(value) or status == Status.OK else Status(int(status)).name
 
 
 NO_DIGIT = 0.5e-3

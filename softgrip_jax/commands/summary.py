@@ -70,7 +70,7 @@ def tell_states(states: dict[str, dict[str, dict[str, int]]], console: Console) 
 def tell_quantities(data: xr.Dataset, parts: dict[str, float], console: Console) -> dict[str, Any]:
     """Print a table of quantiles of the values that there are; returns it in SI."""
     names = quantities_of(data)
-    table = Table(title=f"{designs_in(data)} designs", title_justify="left")
+    table = Table(title=f"{designs_in(data)} designs; of each quantity those that are OK", title_justify="left")
     for head in ("", *parts):
         table.add_column(head, justify="right" if head else "left")
     found: dict[str, Any] = {}

@@ -20,6 +20,7 @@ import csv
 import dataclasses
 import shutil
 from collections import Counter
+from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -39,8 +40,8 @@ from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
 from ..parameters import Parameter
 from ..progress import counted
-from ..quantities import State, solution_at
-from ..reasons import Reason
+from ..quantities import State, rules_at_rest, solution_at
+from ..reasons import BROKEN, Reason
 from ..report.inputs import keep_inputs
 from ..report.run import NAME, WORDS, tell_and_keep, write_report
 from ..results import Status
@@ -227,8 +228,10 @@ def _bytes(count: float) -> str:
     return f"{count / 1000.0**power:,.3g} {names[power]}"
 
 
-LOOKED_AT = 16
+SOLVED_AGAIN = 16
 """Designs that are solved again to say why none has an answer."""
+LOOKED_AT = 200
+"""Designs whose parts are looked at."""
 
 
 # --- the run ----------------------------------------------------------------------------------------------------------
@@ -286,10 +289,10 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
                 draw(data, folder / "study.png")
             if where.csv:
                 write_whole(folder / "study.csv", lambda path: write_csv(data, path))
-            told = tell_and_keep(folder, console, partial(tell, data))
+            told = tell_and_keep(folder, console, partial(tell, data, beyond=beyond_ranges(study)))
             write_report(folder)
         else:
-            told = tell(data, console)
+            told = tell(data, console, beyond_ranges(study))
         reasons = why_nothing(study, data)
     if folder is not None:
         console.print(f"The study is in {folder}: {contents(folder)}.", soft_wrap=True)
@@ -339,8 +342,9 @@ def _spread_over(where: Where) -> Any:
     return client(where.workers, where.scheduler, where.insecure)
 
 
-def tell(data: xr.Dataset, console: Console) -> dict[str, Any]:
-    """How many designs have an answer, why others have none, and how far every quantity spreads over them."""
+def tell(data: xr.Dataset, console: Console, beyond: Sequence[str] = ()) -> dict[str, Any]:
+    """How many designs have an answer, why others have none, how far every quantity spreads over them, and what
+    `beyond_ranges` says."""
     reasons = reason_counts(data)
     for name, counts in data.attrs[BEGUN]["statuses"].items():
         label = data[name].attrs["long_name"].removeprefix("status at ")
@@ -349,21 +353,56 @@ def tell(data: xr.Dataset, console: Console) -> dict[str, Any]:
             for reason, n in sorted(found.items(), key=lambda pair: -pair[1]):
                 if reason != Reason.NONE.name:
                     console.print(f"  {n} {status}, {reason}: {Reason[reason].text()}", soft_wrap=True)
-    return tell_quantities(data, {"least": 0.0, "median": 0.5, "most": 1.0}, console)
+    told = tell_quantities(data, {"least": 0.0, "median": 0.5, "most": 1.0}, console)
+    for sentence in beyond:
+        console.print(sentence, soft_wrap=True, markup=False)
+    return told
+
+
+def beyond_ranges(study: Study) -> list[str]:
+    """A sentence for every range of a law, or of what can be moulded, that parts of designs are beyond: such a design
+    has its answer all the same. Of LOOKED_AT designs, spread over the study."""
+    designs = _some(study, LOOKED_AT)
+    sentences = []
+    for name, scene in study.leaves.scenes.items():
+        ranges = [rule for rule in rules_at_rest(scene) if not Reason[rule.upper()].forbids]
+        if not ranges:
+            continue
+
+        def margins(x, name=name, ranges=ranges):
+            found = study.leaves.scenes_at(x)[name].prepared().margins_at_rest()
+            return jnp.stack([found[rule] for rule in ranges])
+
+        found = np.asarray(jax.jit(jax.vmap(margins))(jnp.asarray(designs)))
+        for rule, own in zip(ranges, found.T, strict=True):
+            beyond = int(np.sum(own < -BROKEN))
+            if beyond:
+                worst = Reason[rule.upper()].text(float(own.min()))
+                sentences.append(
+                    f"{beyond} of {len(designs)} designs that were looked at: {worst} (at most). The observable "
+                    f"margins.{rule}_mm says which."
+                )
+    return sentences
+
+
+def _some(study: Study, most: int) -> np.ndarray:
+    """Designs spread over a study."""
+    count = study.designs.count
+    places = np.unique(np.linspace(0, count - 1, min(most, count)).astype(int)).tolist()
+    return np.concatenate([study.designs.rows(k, k + 1) for k in places])
 
 
 def why_nothing(study: Study, data: xr.Dataset) -> list[str]:
     """A sentence for every state that no design has, with its statuses and the most frequent reason; nothing where one
     design has an answer in one state.
 
-    The reason is that of LOOKED_AT designs, spread over the study.
+    The reason is that of SOLVED_AGAIN designs, spread over the study.
     """
     statuses = [data.attrs[BEGUN]["statuses"][status_name(study, k)] for k in range(len(study.asked.states))]
     if any(Status.OK.name in counts for counts in statuses):
         return []
     count = study.designs.count
-    places = np.unique(np.linspace(0, count - 1, min(LOOKED_AT, count)).astype(int)).tolist()
-    designs = np.concatenate([study.designs.rows(k, k + 1) for k in places])
+    designs = _some(study, SOLVED_AGAIN)
     sentences = []
     for (name, at), label, counts in zip(study.asked.states, study.asked.state_labels(), statuses, strict=True):
         words = ", ".join(f"{n} {status}" for status, n in sorted(counts.items(), key=lambda pair: -pair[1]))

@@ -161,7 +161,8 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
     except pydantic.ValidationError as error:
         # A misspelt key is two errors, one unknown and one missing: the first says more.
         first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in first["loc"])
+        place = _place(model, first["loc"])
+        key = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
         if first["type"] == "extra_forbidden":
             *parents, name = first["loc"]
             known = _keys_within(model, parents)
@@ -169,7 +170,45 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
         if first["type"] == "missing":
             raise ConfigError(f"{where}: the key {key} is missing.") from None
         reason = first["msg"].removeprefix("Value error, ").removeprefix("Input ").rstrip(".")
+        if first["type"] in ("too_short", "too_long"):
+            words, limit = ("at least", "min_length") if first["type"] == "too_short" else ("at most", "max_length")
+            sizes = first.get("ctx", {})
+            entries = "entry" if sizes.get(limit) == 1 else "entries"
+            reason = f"must have {words} {sizes.get(limit)} {entries} and has {sizes.get('actual_length')}"
+        elif len(place) < len(first["loc"]):
+            kinds = [e["loc"][len(place)] for e in error.errors() if e["loc"][: len(place)] == place]
+            reason = f"must be {' or '.join(dict.fromkeys(KINDS.get(str(kind), str(kind)) for kind in kinds))}"
+            first = {"input": _within(table, place)}
         raise ConfigError(f"{where}: {key} is {shown(first['input'])}; it {reason}.") from None
+
+
+KINDS = {
+    "str": "a text",
+    "list[str]": "a list of texts",
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "list[float]": "a list of numbers",
+}
+"""What a key may be, where it may be several things, by pydantic's names."""
+
+
+def _place(model: type[pydantic.BaseModel], loc: tuple[str | int, ...]) -> tuple[str | int, ...]:
+    """The part of a place that says where: behind it pydantic says which of several kinds it has tried."""
+    for k, part in enumerate(loc):
+        if isinstance(part, str) and k > 0 and part not in _keys_within(model, loc[:k]) and _is_kind(part):
+            return loc[:k]
+    return loc
+
+
+def _is_kind(part: str) -> bool:
+    return part in KINDS or part.startswith(("list[", "dict[", "function-", "constrained-"))
+
+
+def _within(table: Any, place: Iterable[str | int]) -> Any:
+    for part in place:
+        table = table[part]
+    return table
 
 
 def _keys_within(model: type[pydantic.BaseModel], place: Iterable[str | int]) -> Iterable[str]:

@@ -117,7 +117,13 @@ def config_of(folder: Path) -> dict[str, Any]:
     """The config of a run; ConfigError where the folder is none."""
     path = folder / CONFIG
     if not path.is_file():
-        raise ConfigError(f"{folder} is not a run: there is no config.toml in it.")
+        begun = (folder / "study.zarr").exists()
+        why = (
+            "its study is not finished: softgrip sweep with the same --out goes on"
+            if begun
+            else "there is no config.toml in it"
+        )
+        raise ConfigError(f"{folder} is not a run: {why}.")
     with _readable(path):
         return tomllib.loads(path.read_text(encoding="utf-8"))
 

@@ -109,6 +109,50 @@ def test_a_start_from_which_most_points_have_no_equilibrium_comes_back(fitting, 
     assert float(end.x[0]) == pytest.approx(fit.x[0], rel=1e-7)
 
 
+def test_an_outlier_does_not_have_the_points_beyond_it_left_out():
+    """The model met 50 mm next to its limit point, at half of mu, and lost the three good points above."""
+    x = np.array([3.0, 5, 7, 9, 10, 13, 15]) * kPa
+    y = np.array([5.5, 7.9, 9.5, 50.0, 11.5, 13.8, 15.7]) * mm
+    scenes, good = {"free": sg.shell.Free(shell(200 * kPa))}, np.arange(7) != 3
+    found = calibrate(Fitting(scenes, [MU], [free_curve(y, x=x)]))
+    without = calibrate(Fitting(scenes, [MU], [free_curve(y[good], x=x[good])]))
+    np.testing.assert_allclose(
+        [found.x[0], found.low[0], found.high[0]], [without.x[0], without.low[0], without.high[0]], rtol=1e-4
+    )
+    assert int(found.member.weight.sum()) == 6
+    assert found.notes == (
+        "free: left out 50 mm at 9 kPa: with it the model ends below 3 of the other points; is it an outlier?",
+    )
+
+
+def test_a_profile_has_its_ends_where_few_points_make_it_wide():
+    """With one point more than parameters the quantile is 12.7 standard deviations, where nobody had looked."""
+    x = np.array([3.0, 8, 14]) * kPa
+    y = inflation(175 * kPa, x) + 0.01 * mm * np.array([1, -1, 1])
+    half_width = Variable("shell.a", 10 * mm, 22 * mm)
+    found = calibrate(Fitting({"free": sg.shell.Free(shell(170 * kPa))}, [MU, half_width], [free_curve(y, x=x)]))
+    assert found.quantile > 12
+    ends = intervals(found, "profile")
+    assert ends.notes == ()
+    np.testing.assert_allclose(ends.low, found.low, rtol=0.02)
+    np.testing.assert_allclose(ends.high, found.high, rtol=0.02)
+    # Where it crosses: the cost of the best fit with that number held, by SciPy.
+    for k, (end, low, high) in enumerate(((ends.high[0], 15 * mm, 17.5 * mm), (ends.high[1], 155 * kPa, 250 * kPa))):
+
+        def misfit(other, k=k, end=end):
+            mu, a = (end, other) if k == 0 else (other, end)
+            design = {"a": a, "b": B, "t_m": T, "material": {"kind": reference.NEO, "mu": mu}}
+            tried = np.linspace(0.1, 1.5, 200)
+            top = tried[np.argmax([reference.free(th, design)[0] for th in tried])]
+            angles = [optimize.brentq(lambda th, p=p: reference.free(th, design)[0] - p, 1e-6, top) for p in x]
+            return np.sum((a * np.tan(0.5 * np.array(angles)) - y) ** 2)
+
+        held = optimize.minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
+        best = np.sum((np.asarray(found.predicted.response.values) - y) ** 2)
+        # sigma^2 is estimated by the best fit with one degree of freedom, best / 1.
+        assert np.sqrt((held - best) / best) == pytest.approx(found.quantile, rel=0.02)
+
+
 def test_points_beyond_the_limit_are_left_out_and_said():
     """Softer data than the model: inflations of mu = 175 kPa measured up to pressures where that has no equilibrium."""
     mu = 175 * kPa
