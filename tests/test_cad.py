@@ -351,6 +351,9 @@ def test_nothing_is_written_where_it_cannot_be_made(tmp_path, capsys):
     file.write_text(CONFIG + "[manufacture]\nrimm_mm = 5\n")
     assert run(["export", str(file)]) == MISTAKE
     assert "there is no key rimm_mm; did you mean rim_mm?" in capsys.readouterr().err
+    file.write_text(CONFIG + "[manufacture]\nrim_mm = 1e300\n")
+    assert run(["export", str(file)]) == MISTAKE
+    assert "rim_mm is 1e+300; it should be less than or equal to 10000." in capsys.readouterr().err
 
 
 def test_a_missing_extra_is_one_sentence(monkeypatch):

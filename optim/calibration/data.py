@@ -204,10 +204,9 @@ def _number(text: str, column: Column, path: Path, line: int) -> float:
     except ValueError:
         value = np.inf
     if not abs(value) < LARGEST:
-        hint = "; write decimals with a point" if text.replace(",", "", 1).lstrip("+-").isdigit() else ""
-        raise ConfigError(
-            f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number below {LARGEST:g}{hint}."
-        )
+        hint = f" below {LARGEST:g}" if np.isfinite(value) else ""
+        hint += "; write decimals with a point" if text.replace(",", "", 1).lstrip("+-").isdigit() else ""
+        raise ConfigError(f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number{hint}.")
     return value
 
 

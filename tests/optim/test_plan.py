@@ -378,6 +378,8 @@ def test_command_line(tmp_path, capsys):
         ("low = 19", "low = 19\nnumbers = [{ name = 'shell.t_m_mm', relative = 0.05 }]", "numbers belong to a yield"),
         ('name = "tension test"', 'name = "free inflation"', "two measurements are called 'free inflation'"),
         ("[plan]", '[plan]\nposterior = "p.nc"', "has a spread beside the posterior"),
+        ("pressures_kPa = [4, 8, 12, 16]", "pressures_kPa = []", "it must have at least 1 entry and has 0."),
+        ("noise = 0.1\n", "noise = 1e-12\n", "it must be at least 1e-09 of that"),
     ],
 )
 def test_mistakes_are_one_sentence(old, new, words, tmp_path, capsys, monkeypatch):
@@ -387,6 +389,13 @@ def test_mistakes_are_one_sentence(old, new, words, tmp_path, capsys, monkeypatc
     told = " ".join(capsys.readouterr().err.split())
     assert words in told
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
+
+
+def test_exact_measurements_have_remedies_too(tmp_path, capsys):
+    """The sum of their squares could not be inverted."""
+    path = write(tmp_path, lambda text: text.replace("noise = 0.1\n", "noise = 1e-7\n"))
+    assert run(["plan", str(path), "--out", str(tmp_path / "out")]) == 0
+    assert "The cheapest here that does: tension test (1 of it, cost 2)." in " ".join(capsys.readouterr().out.split())
 
 
 def test_what_has_no_state_is_no_remedy_and_no_picture(tmp_path, capsys):

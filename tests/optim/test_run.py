@@ -1,6 +1,7 @@
 """A run: its folder is complete or not there, and tells tomorrow what was found today."""
 
 import dataclasses
+import errno
 import io
 import json
 import shlex
@@ -417,4 +418,12 @@ def test_a_file_of_a_run_that_cannot_be_written_is_named_as_people_know_it(tmp_p
     with pytest.raises(ConfigError, match=r"one/sub/best.toml cannot be written: no such file"):  # noqa: SIM117
         with new_folder(tmp_path / "one", "name") as (folder, _):
             (folder / "sub" / "best.toml").write_text("")
+    # A system that has opened a file and finds no room names none; what names it names the hidden folder.
+    with pytest.raises(ConfigError, match=r"one cannot be written: no room; nothing of it is kept\.$"):  # noqa: SIM117
+        with new_folder(tmp_path / "one", "name"):
+            raise OSError(errno.ENOSPC, "No room")
+    with pytest.raises(ConfigError, match=r"/one/report.html is too large\.$") as caught:  # noqa: SIM117
+        with new_folder(tmp_path / "one", "name") as (folder, _):
+            raise ConfigError(f"{folder / 'report.html'} is too large.")
+    assert str(caught.value).startswith(str(tmp_path / "one"))
     assert not list(tmp_path.iterdir())

@@ -212,6 +212,28 @@ def test_no_limit_is_an_answer_and_has_no_mean(capsys):
     assert "1e+06" not in said
 
 
+def test_a_design_without_the_state_is_no_answer_and_says_why(tmp_path, capsys):
+    """Samples that have the state were counted as the design's."""
+    config = tmp_path / "beyond.toml"
+    asked = "".join(
+        f'[[sensitivity.observables]]\nname = "{name}"\nat = {{ pressure_kPa = 20.5 }}\n'
+        for name in ("inflation_mm", "limit_margin")
+    )
+    config.write_text(
+        (ROOT / "configs" / "shell_free.toml").read_text()
+        + '[sensitivity]\nsamples = 200\n[[sensitivity.variables]]\nname = "shell.t_m_mm"\ntolerance = 0.1\n'
+        + asked
+    )
+    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().out
+    assert "20.5 kPa: BEYOND_LIMIT, no equilibrium: the pressure has its largest value, 20.18 kPa, at a limit" in said
+    inflation, *_ = [line for line in said.splitlines() if line.startswith("│ inflation")]
+    assert inflation.count("BEYOND_LIMIT") == 1
+    margin, *_ = [line for line in said.splitlines() if line.startswith("│ limit margin")]
+    assert "0.984" in margin
+    assert "±" not in inflation + margin
+
+
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [

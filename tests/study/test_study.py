@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -26,6 +27,7 @@ from softgrip_jax import config as configs
 from softgrip_jax import plots
 from softgrip_jax.cli import run
 from softgrip_jax.commands import sweep
+from softgrip_jax.commands.sweep import beyond_ranges
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table, store
@@ -481,7 +483,7 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
     assert told["quantities"]["force_at_12_kPa"]["answered"] == len(forces)
     assert told["quantities"]["force_at_12_kPa"]["median"] == pytest.approx(forces.median(), rel=1e-12)
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert run(["summary", str(whole), "--best", "force_at_12_kPa_N", "--where", "shell.a_mm < 0"]) == 0
+    assert run(["summary", str(whole), "--best", "force_at_12_kPa_N", "--where", "shell.a_mm < 0"]) == 1
     assert "No design may be chosen" in capsys.readouterr().out
 
 
@@ -689,6 +691,11 @@ def test_mistakes_are_one_sentence(config, tmp_path, capsys, old, new, sentence)
         ("shell.a\n12\n", "line 1: there is no number 'shell.a'; did you mean shell.a_mm?"),
         ("shell.a_mm\n12\nx\n", "line 3: shell.a_mm is 'x'; it must be a number"),
         ("shell.a_mm\n-12\n", "must be a positive finite number in mm"),
+        ("shell.a_mm\n1_2\n", "line 2: shell.a_mm is '1_2'; it must be a number"),
+        (
+            "shell.a_mm,distance_mm\n16,1,5\n",
+            "line 2: there are 3 cells below 2 columns; a decimal comma must be a point",
+        ),
     ],
 )
 def test_mistakes_in_a_table_are_one_sentence(config, tmp_path, capsys, table, sentence):
@@ -700,6 +707,43 @@ def test_mistakes_in_a_table_are_one_sentence(config, tmp_path, capsys, table, s
     assert run(["sweep", str(config), "--out", str(out)]) == 2
     assert sentence in capsys.readouterr().err
     assert not out.exists()
+
+
+def test_a_spreadsheet_may_mark_its_file(config, tmp_path):
+    """Excel's "CSV UTF-8" begins with three bytes that no name has."""
+    out = small(config, tmp_path)
+    (tmp_path / "designs.csv").write_text("shell.a_mm\n12\n18\n", encoding="utf-8-sig")
+    text = config.read_text().replace('method = "sobol"\nsamples = 6', 'method = "csv"\nfile = "designs.csv"')
+    start, end = text.index("[[sweep.variables]]"), text.index("[[sweep.observables]]")
+    config.write_text(text[:start] + text[end:])
+    assert run(["sweep", str(config), "--out", str(out)]) == 0
+
+
+def test_a_disk_that_is_full_leaves_the_picture_that_was_there(config, tmp_path, capsys, monkeypatch):
+    out = small(config, tmp_path)
+    assert run(["sweep", str(config), "--out", str(out)]) == 0
+    before = (out / "study.png").read_bytes()
+
+    def full(figure, path, **options):
+        Path(path).write_bytes(before[:100])
+        raise OSError(errno.EFBIG, "File too large")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
+    assert run(["sweep", str(config), "--out", str(out)]) == 2
+    assert capsys.readouterr().err.rstrip().endswith("study.png cannot be written: file too large.")
+    assert (out / "study.png").read_bytes() == before
+    assert not list(out.glob(".unfinished*"))
+
+
+def test_designs_that_no_mould_can_make_are_counted():
+    finger = sg.PneuNet.table_5_1("A")
+    walls = np.array([1.0, 1.2, 1.7, 1.9]) * mm  # of a chamber of 4.2 mm, whose air needs 1 mm
+    study = sg.Study(sg.pneunet.Linear(finger), ["finger.t_m"], [sg.Quantity("end_moment", 5 * kPa)], Grid([walls]))
+    (said,) = beyond_ranges(study)
+    assert said == (
+        "2 of 4 designs that were looked at: what is left of a chamber's air or side walls is 0.6 mm less than a mould "
+        "and liquid silicone can do (at most). The observable margins.mould_range_mm says which."
+    )
 
 
 def test_a_folder_of_something_else_is_left_alone(config, tmp_path, capsys):
