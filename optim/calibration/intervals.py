@@ -158,7 +158,7 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
     sd, room = min(fit.deviation[j] * max(1.0, 0.5 * fit.quantile), room), room * (1 - 1e-6)
     steps = np.unique(np.minimum(np.array([0.0, *STEPS]) * sd, room))
     z = _roots(fit, j, sign * steps)
-    if not np.any(z > fit.quantile) and steps[-1] < room:
+    if not np.any(z > fit.quantile) and 0 < steps[-1] < room:
         # Nothing yet, so on to the bound, twice as far each time.
         doublings = np.arange(1, 1 + np.ceil(np.log2(room / steps[-1])))
         more = np.minimum(steps[-1] * 2.0**doublings, room)

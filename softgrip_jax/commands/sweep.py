@@ -362,9 +362,9 @@ def tell(data: xr.Dataset, console: Console, beyond: Sequence[str] = ()) -> dict
 def beyond_ranges(study: Study) -> list[str]:
     """A sentence for every range of a law, or of what can be moulded, that parts of designs are beyond: such a design
     has its answer all the same. Of LOOKED_AT designs, spread over the study."""
-    designs = _some(study, LOOKED_AT)
-    sentences = []
-    for name, scene in study.leaves.scenes.items():
+    designs, scenes = _some(study, LOOKED_AT), study.leaves.scenes
+    found_of: dict[Any, str] = {}
+    for name, scene in scenes.items():
         ranges = [rule for rule in rules_at_rest(scene) if not Reason[rule.upper()].forbids]
         if not ranges:
             continue
@@ -378,11 +378,13 @@ def beyond_ranges(study: Study) -> list[str]:
             beyond = int(np.sum(own < -BROKEN))
             if beyond:
                 worst = Reason[rule.upper()].text(float(own.min()))
-                sentences.append(
+                of_scene = f" of the scene {name}" if len(scenes) > 1 else ""
+                sentence = (
                     f"{beyond} of {len(designs)} designs that were looked at: {worst} (at most). The observable "
-                    f"margins.{rule}_mm says which."
+                    f"margins.{rule}_mm{of_scene} says which."
                 )
-    return sentences
+                found_of.setdefault((rule, beyond, worst), sentence)  # scenes may share a finger
+    return list(found_of.values())
 
 
 def _some(study: Study, most: int) -> np.ndarray:
