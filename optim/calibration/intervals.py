@@ -126,7 +126,7 @@ def bootstrap_fits(
 
 
 STEPS = (0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0)
-"""Standard deviations at which the profile is first looked at; as many times half the quantile where that is wide."""
+"""Standard deviations at which the profile is first looked at."""
 
 REFINED = 5
 """Points of the second look, around the crossing: the interval is then good to a thousandth of its width."""
@@ -155,7 +155,7 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
     edge = space.high[j] if sign > 0 else space.low[j]
     log = bool(space.is_log[j])
     room = abs(np.log(edge / fit.x[j]) if log else (edge - fit.x[j]) / fit.scales[j])
-    sd, room = min(fit.deviation[j] * max(1.0, 0.5 * fit.quantile), room), room * (1 - 1e-6)
+    sd, room = min(fit.deviation[j], room), room * (1 - 1e-6)
     steps = np.unique(np.minimum(np.array([0.0, *STEPS]) * sd, room))
     z = _roots(fit, j, sign * steps)
     if not np.any(z > fit.quantile) and 0 < steps[-1] < room:

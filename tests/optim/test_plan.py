@@ -20,7 +20,7 @@ from optim.calibration.model import Fitting
 from optim.plan import settings
 from optim.plan.decision import Decided, Verdict, decided, verdict
 from optim.plan.information import CRITERIA, Candidates, choose, evenly
-from optim.plan.plan import Plan, make
+from optim.plan.plan import BLIND, Plan, _told, make
 from optim.plan.run import _expected, decided_words, draw, record, rows
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
@@ -391,6 +391,22 @@ def test_mistakes_are_one_sentence(old, new, words, tmp_path, capsys, monkeypatc
     assert not Path("runs").exists() or not list(Path("runs").iterdir())
 
 
+def test_what_measurements_tell_is_added_one_by_one():
+    """And stays right where the sum of the squares of rows could not be inverted."""
+    rows = np.random.default_rng(0).normal(size=(5, 3))
+    prior = BLIND**2 * np.eye(3)
+    C = prior
+    for row in rows:
+        C = _told(C, row)
+    np.testing.assert_allclose(C, np.linalg.inv(np.linalg.inv(prior) + rows.T @ rows), rtol=1e-6)
+    # A row of 1e7 tells one direction alone: what is across it stays as unknown as it was.
+    C = _told(prior, np.array([1e7, 1e7, 0.0]))
+    across = np.array([1.0, -1.0, 0.0]) / np.sqrt(2)
+    assert across @ C @ across == pytest.approx(BLIND**2, rel=1e-9)
+    assert C[2, 2] == pytest.approx(BLIND**2, rel=1e-9)
+
+
+@pytest.mark.slow
 def test_exact_measurements_have_remedies_too(tmp_path, capsys):
     """The sum of their squares could not be inverted."""
     path = write(tmp_path, lambda text: text.replace("noise = 0.1\n", "noise = 1e-7\n"))
