@@ -424,7 +424,7 @@ def _without_what_ends_it(
                 for x, y in zip(fitting.x[own], fitting.y[own], strict=True)
             )
             notes.append(
-                f"{curve.name}: left out {there}: with it the model ends below {more} of the other points; is it an "
+                f"{curve.name}: left out {there}: with that the model ends below {more} of the other points; is it an "
                 "outlier?"
             )
     return trial, notes

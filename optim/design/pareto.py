@@ -59,7 +59,8 @@ NO_FRONT = "No design that keeps every constraint was found; there is no front."
 
 
 class NoFrontError(ConfigError):
-    """There is nothing to trade off: a search of all goals together tells what is in the way."""
+    """There is nothing to trade off: a search of all goals together tells what is in the way. Nothing of a config is
+    wrong, so its sentence needs no place (`errors.located`)."""
 
 
 DISTINCT = 1e-3

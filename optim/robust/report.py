@@ -14,11 +14,12 @@ from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
 from ..design.descent import SearchResult
-from ..problem import Problem
+from ..problem import Goal, Problem
 from ..records import as_given, write_csv
 from .count import Count
 from .improve import ASCENT, DERIVATIVES
 from .run import Robust, words
+from .statistics import Wanted
 
 NOMINAL, ROBUST = "nominal best", "robust best"
 LOW, HIGH = 0.05, 0.95
@@ -46,6 +47,13 @@ def tell(problem: Problem, result: SearchResult, robust: Robust, console: Consol
     )
 
 
+def asked_share(wanted: Wanted, goal: Goal) -> float | None:
+    """The quantile of a goal's quantity that was asked for; of what is maximised it is counted from above."""
+    if wanted.goal != "quantile":
+        return None
+    return round(1 - wanted.share, 12) if goal.kind == "maximise" else wanted.share
+
+
 def side_by_side(problem: Problem, result: SearchResult, robust: Robust) -> list[tuple[str, str, str]]:
     """Rows of the comparison."""
     best, nominal = result.designs[0], result.designs[1]
@@ -58,15 +66,12 @@ def side_by_side(problem: Problem, result: SearchResult, robust: Robust) -> list
         kind, label = problem.kinds[k], problem.label(goal.quantity)
         change = (best.values[k] - nominal.values[k]) / abs(nominal.values[k] or np.nan)
         rows.append((label, in_units(nominal.values[k], kind), f"{in_units(best.values[k], kind)} ({change:+.1%})"))
-        wanted = robust.uncertain.wanted
-        # The quantile of what is maximised is counted from above.
-        own = wanted.share if goal.kind != "maximise" else 1 - wanted.share
-        asked = {own} if wanted.goal == "quantile" else set()
-        for share in sorted({LOW, HIGH} | asked):
+        asked = asked_share(robust.uncertain.wanted, goal)
+        for share in sorted({LOW, HIGH} | ({asked} if asked is not None else set())):
             each = [
                 in_units(_quantile(count.values[:, j], share), kind) for count in (robust.of_nominal, robust.of_best)
             ]
-            words = " (the goal)" if share in asked else ""
+            words = " (the goal)" if share == asked else ""
             rows.append((f"... of {100 * share:.4g}% of the parts it is below{words}", each[0], each[1]))
     counts = (robust.of_nominal, robust.of_best)
     rows.append(("yield counted", *(f"{count.share:.2%}" for count in counts)))

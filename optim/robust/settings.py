@@ -29,7 +29,7 @@ import pydantic
 
 from softgrip_jax.config.keys import Seed, Table, varied
 from softgrip_jax.draws import read_draws
-from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.errors import ConfigError, InputError, located
 from softgrip_jax.parameters import Parameter, Parameters, Scenes
 from softgrip_jax.units import DISPLAY
 
@@ -123,12 +123,8 @@ def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[
         zip(*(_number(space, n, where) for n in table.numbers), strict=True) if table.numbers else ((), ())
     )
     keys = [n.name if isinstance(n.name, str) else n.name[0] for n in table.numbers]
-    try:
+    with located(where):
         scatters = Scatters(numbers, _correlation(keys, table, where), draws)
-    except ConfigError:
-        raise
-    except InputError as error:
-        raise ConfigError(f"{where}: {error}") from None
     if draws is not None:
         labels = (*labels, *(f"{name} (posterior)" for name in draws.names))
     _require_share("yield", table.yield_, where)

@@ -65,6 +65,8 @@ def summary(
 ) -> None:
     """Say what a study comes to, whatever its size: statuses, reasons, quantiles, and the best designs.
 
+    Exit code 1 where no design may be the best.
+
     - softgrip summary runs/shell_sweep-001 --best pressure_at_required_kPa --where "limit_margin_at_required >= 2"
     """
     from ..commands.summary import run_summary

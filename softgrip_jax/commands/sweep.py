@@ -380,8 +380,8 @@ def beyond_ranges(study: Study) -> list[str]:
                 worst = Reason[rule.upper()].text(float(own.min()))
                 of_scene = f" of the scene {name}" if len(scenes) > 1 else ""
                 sentence = (
-                    f"{beyond} of {len(designs)} designs that were looked at: {worst} (at most). The observable "
-                    f"margins.{rule}_mm{of_scene} says which."
+                    f"{beyond} of {len(designs)} designs that were looked at are beyond {rule}; of the worst, {worst}. "
+                    f"The observable margins.{rule}_mm{of_scene} says which."
                 )
                 found_of.setdefault((rule, beyond, worst), sentence)  # scenes may share a finger
     return list(found_of.values())

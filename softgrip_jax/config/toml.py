@@ -189,6 +189,8 @@ KINDS = {
     "int": "a whole number",
     "bool": "true or false",
     "list[float]": "a list of numbers",
+    "dict[str,float]": "a table of numbers",
+    "dict[str,union[float,list[float]]]": "a table of numbers",
 }
 """What a key may be, where it may be several things, by pydantic's names."""
 
@@ -196,13 +198,9 @@ KINDS = {
 def _place(model: type[pydantic.BaseModel], loc: tuple[str | int, ...]) -> tuple[str | int, ...]:
     """The part of a place that says where: behind it pydantic says which of several kinds it has tried."""
     for k, part in enumerate(loc):
-        if isinstance(part, str) and k > 0 and part not in _keys_within(model, loc[:k]) and _is_kind(part):
+        if part in KINDS and part not in _keys_within(model, loc[:k]):
             return loc[:k]
     return loc
-
-
-def _is_kind(part: str) -> bool:
-    return part in KINDS or part.startswith(("list[", "dict[", "function-", "constrained-"))
 
 
 def _within(table: Any, place: Iterable[str | int]) -> Any:

@@ -121,7 +121,7 @@ def test_an_outlier_does_not_have_the_points_beyond_it_left_out():
     )
     assert int(found.member.weight.sum()) == 6
     assert found.notes == (
-        "free: left out 50 mm at 9 kPa: with it the model ends below 3 of the other points; is it an outlier?",
+        "free: left out 50 mm at 9 kPa: with that the model ends below 3 of the other points; is it an outlier?",
     )
 
 

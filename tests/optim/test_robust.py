@@ -25,6 +25,7 @@ from optim.robust.evaluate import Answer, Wants
 from optim.robust.expansion import expanded, star
 from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
+from optim.robust.report import asked_share
 from optim.robust.run import Robust, Scattered, _first, is_feasible
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
@@ -229,6 +230,15 @@ def test_a_corner_of_the_constraints_is_reached_where_line_searches_fail():
 
     found = _restored(answer, np.array([[0.45, 0.6], [0.4, 0.2], [0.9, 0.9]]))
     np.testing.assert_allclose(found, [[0.5, 0.6], [0.5, 0.3], [0.9, 0.9]], atol=2e-4)
+
+
+@pytest.mark.parametrize(("kind", "sign"), [("minimise", 1.0), ("maximise", -1.0)])
+def test_the_quantile_that_is_told_is_the_one_that_was_asked_for(kind, sign):
+    """Nine tenths of the parts have a smaller objective, which of what is maximised is its negative."""
+    values = np.random.default_rng(1).normal(size=1001)
+    share = asked_share(Wanted("quantile", 0.9, None), Goal(kind, Quantity("force", 1 * kPa)))
+    assert np.quantile(values, share) == pytest.approx(sign * np.quantile(sign * values, 0.9), rel=1e-12)
+    assert asked_share(Wanted("nominal", 0.5, 0.9), Goal(kind, Quantity("force", 1 * kPa))) is None
 
 
 def test_order_statistics_are_weighted_about_the_quantile():
@@ -575,6 +585,11 @@ BAD = [
     ("yield = 0.9", 'yield = 0.9\nposterior = "none.nc"', "there is no posterior"),
     ("yield = 0.9", 'yield = 0.9\nposterior = "other.nc"', "is of another scene: it holds L_mm"),
     ("yield = 0.9", 'yield = 0.9\ncorrelations = [{ between = ["a", "b"], value = 0.1 }]', "does not scatter"),
+    (
+        "yield = 0.9",
+        'yield = 0.9\ncorrelations = [{ between = ["shell.t_m_mm", "shell.material.mu_kPa"], value = 1.5 }]',
+        "[design.uncertain]: the correlation of shell.t_m_mm and shell.material.mu_kPa is 1.5; it must be",
+    ),
     ("starts = 4", "starts = 4\nfront = 5", "a front of goals is not robust"),
     ("deviation = 0.4", 'relative = 0.4\ndistribution = "lognormal"\n#', None),
     ('distribution = "uniform"', 'distribution = "lognormal"', "its deviation must be relative"),
@@ -596,6 +611,7 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, old, new, said):
     sentence = str(error.value)
     assert said in sentence
     assert sentence.startswith(str(tmp_path))
+    assert sentence.count(str(tmp_path / "bad.toml")) == 1
     assert sentence.endswith((".", "?"))
     assert "\n" not in sentence
 

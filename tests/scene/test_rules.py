@@ -517,6 +517,16 @@ def test_where_the_tips_touch_by_their_offset_is_the_object_s_face():
     assert int(sg.solve(dataclasses.replace(given, tip_offset=-24 * mm), 31 * kPa).status) == OK
 
 
+def test_a_leaning_face_is_known_without_a_height():
+    """Where the tips touch by their offset only differences count: 26 mm in 45 mm of height."""
+    x = jnp.asarray([60.0, 72.0]) * mm
+    for scene in (
+        sg.pneunet.Grasp(gripper(), CONE, tip_offset=-5 * mm),
+        sg.pneunet.Grasp(gripper(), CONE, stand_distance=95 * mm),
+    ):
+        assert np.diff(scene.face_at(x))[0] / mm == pytest.approx(12 * 26 / 45, rel=1e-12)
+
+
 def test_chambers_of_bent_fingers_stay_above_the_ground():
     """At rest they stand beside the fingers, higher than the tips; bent, the last one is lower than its tip."""
 

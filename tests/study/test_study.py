@@ -741,8 +741,9 @@ def test_designs_that_no_mould_can_make_are_counted():
     study = sg.Study(sg.pneunet.Linear(finger), ["finger.t_m"], [sg.Quantity("end_moment", 5 * kPa)], Grid([walls]))
     (said,) = beyond_ranges(study)
     assert said == (
-        "2 of 4 designs that were looked at: what is left of a chamber's air or side walls is 0.6 mm less than a mould "
-        "and liquid silicone can do (at most). The observable margins.mould_range_mm says which."
+        "2 of 4 designs that were looked at are beyond mould_range; of the worst, what is left of a chamber's air or "
+        "side walls is 0.6 mm less than a mould and liquid silicone can do. The observable margins.mould_range_mm says "
+        "which."
     )
 
 
