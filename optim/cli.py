@@ -1,4 +1,4 @@
-"""The commands design, calibrate and evidence. pyproject.toml names them as entry points: so `softgrip` finds them."""
+"""The commands that `optim` adds. pyproject.toml names them as entry points: so `softgrip` finds them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ from typing import Annotated
 
 import typer
 
-from softgrip_jax.cli.app import NO_ANSWER, AsJson
+from softgrip_jax.cli.app import NO_ANSWER, AsJson, Insecure, Scheduler, Workers
 from softgrip_jax.commands.files import console_for, tell_folder
-
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes on this machine that compute.")]
-Scheduler = Annotated[str | None, typer.Option(help="A running Dask scheduler whose workers compute: tls://host:8786.")]
-Insecure = Annotated[bool, typer.Option(help="Allow tcp:// to a scheduler on another machine.")]
 
 
 def design(

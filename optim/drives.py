@@ -139,9 +139,13 @@ def by_other_drive(problem: Problem, x: Sequence[Any], other: OtherDrive | None 
     again = at(shared) if lower.size else found
     of_lower = [k for k, of in enumerate(asked_set.state_of) if of in lower]
     lowered = [dataclasses.replace(asked_set.quantities[k], at=float(shared[asked_set.state_of[k]])) for k in of_lower]
+    # Several pressures of one scene may come down to the same one.
+    at_lower = QuantitySet(scenes, lowered)
+    columns = [of_lower[lowered.index(q)] for q in at_lower.quantities]
+    states = [asked_set.state_of[of_lower[[q.state for q in lowered].index(state)]] for state in at_lower.states]
     both = [
         (asked_set, found),
-        (QuantitySet(scenes, lowered), Observed(again.values[:, of_lower], *(part[:, lower] for part in again[1:]))),
+        (at_lower, Observed(again.values[:, columns], *(part[:, states] for part in again[1:]))),
     ]
     quantities = [q for part, _ in both for q in part.quantities]
     best = problem.scenes_at(x[min(1, len(x) - 1)])

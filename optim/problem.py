@@ -24,7 +24,7 @@ import softgrip_jax as sg
 from softgrip_jax.commands.programs import files_of, program
 from softgrip_jax.compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from softgrip_jax.errors import InputError
-from softgrip_jax.numerics.nearby import Known, KnownFold, root_by_chords, root_nearby
+from softgrip_jax.numerics.nearby import Equations, Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
@@ -322,6 +322,10 @@ class Problem:
         """The scenes of a design at SI values x, with the rules that the search keeps."""
         return ignoring(self.space.scenes_at(jnp.asarray(x)), self.ignored_rules)
 
+    def _bare(self, t: Float[Array, " n"]) -> dict[str, Scene]:
+        """The scenes of a design at unit values t, without rules."""
+        return without_rules(self.space.scenes_at(self.space.from_unit(t)))
+
     def margins(self, values: Any) -> np.ndarray:
         """The margins (m) of all rules, in the order of `rules`, from measured values."""
         return np.asarray(values)[[self.measured.index(rule) for rule in self.rules]]
@@ -331,7 +335,7 @@ class Problem:
 
         home: unit values of a design towards which one goes that knows no other way back; by default the starting one.
         """
-        scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
+        scenes = self._bare(t)
         asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
         solutions = self._solutions(scenes, t)
@@ -392,7 +396,7 @@ class Problem:
     def solve(self, t: Float[Array, " n"]) -> Measured:
         """`measure` along the whole way from zero load, without derivatives and without the limits that only a design
         without equilibrium needs: its shortfall is just positive."""
-        scenes = without_rules(self.space.scenes_at(self.space.from_unit(t)))
+        scenes = self._bare(t)
         solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, solutions=solutions)
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
@@ -402,76 +406,71 @@ class Problem:
         of = dict(zip(self.solved_states, solutions, strict=True))
         return tuple(known_states(state[1], of[state], t) for state in self.followed)
 
+    @cached_property
+    def apart(self) -> QuantitySet:
+        """What is asked of no `followed` state."""
+        return self.measured.only([state for state in self.measured.states if state not in self.followed])
+
     def solve_nearby(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """As `solve`, from the states of a design nearby, with the derivatives of the values by t; and those states."""
-        measured = self.measured
-
-        def scenes_at(t):
-            return without_rules(self.space.scenes_at(self.space.from_unit(t)))
 
         def elsewhere(t):
-            """What is asked of no state that is followed."""
-            return measured.only([s for s in measured.states if s not in self.followed]).measure(scenes_at(t))
+            found = self.apart.measure(self._bare(t))
+            return found.values, found
 
-        values = jnp.full(len(measured.quantities), jnp.nan)
-        slopes = jnp.zeros((len(measured.quantities), len(t)))
-        statuses = jnp.full(len(measured.states), int(Status.NOT_CONVERGED))
-
-        def put(states, new_values, new_slopes, new_statuses):
-            nonlocal values, slopes, statuses
-            rows = np.array([k for k, q in enumerate(measured.quantities) if q.state in states], int)
-            values, slopes = values.at[rows].set(new_values), slopes.at[rows].set(new_slopes)
-            statuses = statuses.at[np.array([measured.states.index(s) for s in states], int)].set(new_statuses)
-
-        found, after = elsewhere(t), []
-        put(
-            *([s for s in measured.states if s not in self.followed], found.values),
-            *(jax.jacfwd(lambda t: elsewhere(t).values)(t), found.statuses),
-        )
-        for (name, at), place in zip(self.followed, known, strict=True):
-
-            def equations(u, t, name=name, at=at):
-                scenes = scenes_at(t)
-                residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
-                return residual, measured.only([(name, at)]).measure(scenes, solutions={(name, at): solution}).values
-
-            near = root_nearby(equations, after_all(t, after), place)
-            scene, there = scenes_at(t)[name], self._asked_at(at, t)
-            good = near.good & is_covered(scene, there, state_at(scene, there, near.known.u)[1])
-            put([(name, at)], near.observed, near.slopes, jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED)))
+        by_t, found = jax.jacfwd(elsewhere, has_aux=True)(t)
+        values, slopes, statuses, after = [found.values], [by_t], [*found.statuses], []
+        for state, place in zip(self.followed, known, strict=True):
+            near = root_nearby(self._equations(state), after_all(t, after), place)
+            values.append(near.observed)
+            slopes.append(near.slopes)
+            statuses.append(self._status_of(state, t, near.known.u, near.good))
             after.append(near.known)
-        number = jnp.zeros(len(statuses), int)
-        observed = Observed(values, statuses, number, number * jnp.nan)
-        ones = jnp.ones(len(statuses))
-        return self._judged(observed, ones, ones[0]), slopes, tuple(after)
+        return self._together(values, statuses), self._in_order(slopes), tuple(after)
 
     def solve_by_chords(self, t: Float[Array, " n"], known: tuple[Known, ...]) -> Measured:
         """As `solve_nearby`, without derivatives and with the Jacobians of the known states: a fraction of its time."""
-        measured, scenes, t_of = self.measured, without_rules(self.space.scenes_at(self.space.from_unit(t))), t
-        rest = measured.only([s for s in measured.states if s not in self.followed]).measure(scenes)
-        found = dict(zip([s for s in measured.states if s not in self.followed], rest.statuses, strict=True))
-        values = jnp.full(len(measured.quantities), jnp.nan)
-        rows = [k for k, q in enumerate(measured.quantities) if q.state not in self.followed]
-        values, before = values.at[np.array(rows, int)].set(rest.values), []
-        for (name, at), place in zip(self.followed, known, strict=True):
-
-            def equations(u, t, name=name, at=at):
-                scene = without_rules(self.space.scenes_at(self.space.from_unit(t)))
-                residual, solution = state_at(scene[name], self._asked_at(at, t), u)
-                return residual, measured.only([(name, at)]).measure(scene, solutions={(name, at): solution}).values
-
-            t = after_all(t_of, before)
-            seen, u, good = root_by_chords(equations, t, place)
-            there = self._asked_at(at, t)
-            good &= is_covered(scenes[name], there, state_at(scenes[name], there, u)[1])
-            found[name, at] = jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED))
-            rows = [k for k, q in enumerate(measured.quantities) if q.state == (name, at)]
-            values = values.at[np.array(rows, int)].set(seen)
+        found = self.apart.measure(self._bare(t))
+        values, statuses, before = [found.values], [*found.statuses], []
+        for state, place in zip(self.followed, known, strict=True):
+            observed, u, good = root_by_chords(self._equations(state), after_all(t, before), place)
+            values.append(observed)
+            statuses.append(self._status_of(state, t, u, good))
             before.append(place._replace(u=u))
-        statuses = jnp.stack([found[state] for state in measured.states])
-        number = jnp.zeros(len(statuses), int)
-        ones = jnp.ones(len(statuses))
-        return self._judged(Observed(values, statuses, number, number * jnp.nan), ones, ones[0])
+        return self._together(values, statuses)
+
+    def _equations(self, state: tuple[str, State]) -> Equations:
+        """(u, t) -> (the residual of a `followed` state, what is asked of it)."""
+        (name, at), own = state, self.measured.only([state])
+
+        def equations(u, t):
+            scenes = self._bare(t)
+            residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
+            return residual, own.measure(scenes, solutions={state: solution}).values
+
+        return traced_once(equations)
+
+    def _status_of(self, state: tuple[str, State], t: Float[Array, " n"], u: Array, is_root: Any) -> Array:
+        """OK where u is a root that the scene's model covers."""
+        scene, at = self._bare(t)[state[0]], self._asked_at(state[1], t)
+        good = is_root & is_covered(scene, at, state_at(scene, at, u)[1])
+        return jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED))
+
+    def _in_order(self, parts: Sequence[Array]) -> Array:
+        """Rows of `apart`, then of each `followed` state, in the order of `measured`."""
+        quantities = [
+            q
+            for part in (self.apart, *(self.measured.only([state]) for state in self.followed))
+            for q in part.quantities
+        ]
+        return jnp.concatenate(parts)[np.array([quantities.index(q) for q in self.measured.quantities], int)]
+
+    def _together(self, values: Sequence[Array], statuses: Sequence[Array]) -> Measured:
+        """What was found `apart` and of each `followed` state; a shortfall is just positive."""
+        states = [*self.apart.states, *self.followed]
+        status = jnp.stack([statuses[states.index(state)] for state in self.measured.states])
+        number, ones = jnp.zeros(len(status), int), jnp.ones(len(status))
+        return self._judged(Observed(self._in_order(values), status, number, number * jnp.nan), ones, ones[0])
 
     @cached_property
     def pressed(self) -> list[tuple[str, State]]:
@@ -493,7 +492,7 @@ class Problem:
 
     def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
         """The scene of a `pressed` state."""
-        return without_rules(self.space.scenes_at(self.space.from_unit(t)))[self.pressed[place][0]]
+        return self._bare(t)[self.pressed[place][0]]
 
     def columns_of(self, state: tuple[str, State]) -> np.ndarray:
         """Where among the measured values those of a state are."""
@@ -548,7 +547,7 @@ class Problem:
         t, known = jax.tree.map(lambda v: np.zeros((nearby, *v.shape[1:]), v.dtype), (t, known))
         self._made(self.solve_nearby, SIDE_BY_SIDE, t, known)
 
-    def compiled(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
+    def measured_with_slopes(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch, all with one home."""
         home = jnp.asarray(self.home() if home is None else home)
         return self._program(self.measure_with_slopes, MANY_CALLS, t, jnp.broadcast_to(home, jnp.shape(t)))
@@ -678,8 +677,7 @@ class Scaling:
             where = "no design gives it one" if k in self.missing() else "its size at the first design that has one"
             quantity = problem.quantities[k]
             items = [(g.quantity, value) for g, value in zip(problem.goals, self.scales.goals, strict=True)]
-            sides = zip(problem.sides, self.scales.limits, strict=True)  # the rules, which come last, have their own
-            items += [(problem.quantities[s[0]], v) for s, v in sides if s[0] < len(problem.quantities)]
+            items += [(problem.quantities[s[0]], v) for s, v in zip(problem.sides, self.scales.limits, strict=True)]
             scale = in_units(next(v for q, v in items if q == quantity), problem.kinds[k])
             found.append(
                 f"{problem.label(quantity)} has no size at the starting design: its scale is {scale}, {where}; "

@@ -62,7 +62,7 @@ def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     known = design.answered
     row: dict[str, Any] = {"feasible": design.feasible, "objective": design.objective if known else None}
     row["status"] = " ".join(dict.fromkeys(s.name for s in design.statuses))
-    row["reason"] = " ".join(f"{words}." for words in unsolved(problem, design))
+    row["reason"] = " ".join(f"{words}." for words in unsolved(design))
     row["violation"] = design.violation if known else None
     for key, kind, x in zip(problem.space.names, problem.space.kinds, design.x, strict=True):
         row[unit_key(key, kind)] = x / DISPLAY[kind][1]
@@ -74,7 +74,7 @@ def design_row(problem: Problem, design: Design) -> dict[str, Any]:
     return row
 
 
-def unsolved(problem: Problem, design: Design) -> list[str]:
+def unsolved(design: Design) -> list[str]:
     """Why states of a design are not OK, each reason once."""
     pairs = zip(design.statuses, design.reasons, strict=False)
     return list(dict.fromkeys(words for status, words in pairs if status != Status.OK))
@@ -103,7 +103,7 @@ def in_si(problem: Problem, design: Design) -> dict[str, Any]:
         "variables": dict(zip(problem.space.names, map(float, design.x), strict=True)),
         "quantities": {name: v if np.isfinite(v) else None for name, v in values.items()},
         "status": [s.name for s in design.statuses],
-        "reason": unsolved(problem, design),
+        "reason": unsolved(design),
         "active": list(design.active),
         "rules": [{"rule": line.label, "margin_mm": line.margins[0] / mm} for line in _told(problem, design)],
     }

@@ -13,6 +13,7 @@ import difflib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -21,7 +22,7 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.quantities import AT_REST, MARGINS, Observed, Quantity, State, all_rules, rules_at_rest
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
-from softgrip_jax.scene import Scene
+from softgrip_jax.scene import Scene, with_rules
 from softgrip_jax.units import mm
 
 SCALE = 1 * mm
@@ -66,28 +67,27 @@ def rules_of(scenes: dict[str, Scene], states: Iterable[tuple[str, State]]) -> l
 def is_held(scene: Scene, rule: Quantity) -> bool:
     """Whether a search keeps a rule that begins with this scene. One whose parts are outside of what a law is known for
     at the beginning is not held there: its report says what is outside. States are always held."""
-    margin = scene.margins_at_rest().get(str(rule.rule))
+    with jax.ensure_compile_time_eval():  # whoever asks within a jitted function wants numbers, too
+        margin = scene.margins_at_rest().get(str(rule.rule))
     return Reason[str(rule.rule).upper()].forbids or margin is None or float(margin) >= -BROKEN
 
 
 def with_rules_on(
     found: Observed, states: Sequence[tuple[str, State]], rules: Sequence[Quantity], margins: Float[Array, " r"]
 ) -> Observed:
-    """`found` as scenes report it whose rules are on: a state that breaks one is IMPOSSIBLE, for the worst of them."""
-    statuses, reasons, details = list(found.statuses), list(found.reasons), list(found.details)
-    forbidding = [it for it in zip(rules, margins, strict=True) if Reason[str(it[0].rule).upper()].forbids]
-    for k, state in enumerate(states):
-        unfit = (statuses[k] == Status.IMPOSSIBLE) & (reasons[k] == Reason.PARTS_DO_NOT_FIT)
-        is_open, worst = (statuses[k] == Status.OK) | unfit, -BROKEN
-        for rule, margin in forbidding:
-            if rule.state not in (state, (state[0], AT_REST)):
-                continue
-            broken = is_open & (margin < worst)
-            statuses[k] = jnp.where(broken, Status.IMPOSSIBLE, statuses[k])
-            reasons[k] = jnp.where(broken, Reason[str(rule.rule).upper()], reasons[k])
-            details[k] = jnp.where(broken, margin, details[k])
-            worst = jnp.where(broken, margin, worst)
-    return found._replace(statuses=jnp.stack(statuses), reasons=jnp.stack(reasons), details=jnp.stack(details))
+    """`found` as scenes report it whose rules are on: a state that breaks one is IMPOSSIBLE (`scene.with_rules`)."""
+    seen = []
+    for *of_state, state in zip(found.statuses, found.reasons, found.details, states, strict=True):
+        status, reason, _ = of_state
+        is_open = (status == Status.OK) | ((status == Status.IMPOSSIBLE) & (reason == Reason.PARTS_DO_NOT_FIT))
+        own = [
+            (str(rule.rule), margin)
+            for rule, margin in zip(rules, margins, strict=True)
+            if rule.state in (state, (state[0], AT_REST))
+        ]
+        seen.append(with_rules(own, is_open, *of_state))
+    statuses, reasons, details = (jnp.stack(column) for column in zip(*seen, strict=True))
+    return found._replace(statuses=statuses, reasons=reasons, details=details)
 
 
 def label(rule: Quantity, several: bool) -> str:

@@ -81,13 +81,9 @@ class LadderModel(NamedTuple):
 
     scene: Scene
     left_out: tuple[str, ...]
-    """Physics of the given scene that this one does without, in words."""
     numerics: str
-    """How finely it is solved, in words."""
     cost: float
-    """Time per design in a batch, relative to an explicit finger."""
     gain: float = 1.0
-    """How much less than from the model before, with coarser numerics, the error is at least."""
 
 
 class Trial(NamedTuple):
@@ -106,7 +102,6 @@ class Trial(NamedTuple):
     model: LadderModel
     solution: Solution
     error: float
-    """Estimated relative error of the observable; inf where there is nothing to compare."""
 
 
 UNVERIFIED = "(of leaving out and of computing; how far models are from reality is another matter: see the README)"
@@ -125,7 +120,8 @@ class Choice:
         error: estimated relative error of the observable, dimensionless; inf where the scene has no equilibrium.
         observable: whose error counts.
         tolerance: largest relative error that was asked for, dimensionless.
-        trials: all that was solved, cheapest first.
+        trials: all that was solved, cheapest first. What is cheaper than the choice is not good enough; what is dearer,
+            and was not needed for comparison, is not here.
         verified: errors against finite elements of designs nearby, by the name of the quantity, dimensionless; empty
             where none is near.
 
@@ -136,20 +132,15 @@ class Choice:
     """
 
     scene: Scene
-    """What to solve from now on."""
     solution: Solution
     left_out: tuple[str, ...]
     numerics: str
     cost: float
     error: float
-    """Estimated relative error of the observable; inf where the scene has no equilibrium: nothing can be compared."""
     observable: str
     tolerance: float
     trials: tuple[Trial, ...]
-    """All that was solved, cheapest first. What is cheaper than the choice is not good enough; what is dearer, and was
-    not needed for comparison, is not here."""
     verified: dict[str, Nearby] = dataclasses.field(default_factory=dict)
-    """Of the choice, against finite elements of designs nearby; empty where none is near."""
 
     @property
     def met(self) -> bool:
@@ -313,7 +304,6 @@ class Reading(NamedTuple):
     """
 
     value: np.ndarray
-    """The observable: one number, or a point's two."""
     status: int
 
 

@@ -1,4 +1,5 @@
-"""What other packages add to the command `softgrip`: commands and sections of configs, found by entry points.
+"""What other packages add to the command `softgrip`: commands, sections of configs and tabs of the
+explorer, found by entry points.
 
 A package names them in its pyproject.toml, as `optim` does; nothing here knows of it:
 

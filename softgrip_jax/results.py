@@ -6,7 +6,7 @@ import dataclasses
 import enum
 from functools import partial
 from importlib import import_module
-from typing import Any, ClassVar
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,9 @@ from .batches import Batched
 from .errors import require_whole
 from .reasons import Reason
 from .units import DISPLAY
+
+NORMAL_95 = 1.96
+"""Standard deviations of half of a 95 % interval of what is normal."""
 
 
 class Status(enum.IntEnum):
@@ -93,7 +96,6 @@ class Solution(Batched):
     margins: dict[str, Array]
 
     STATUSES = Status
-    _REPORT_WIDTH: ClassVar[int] = 22
 
     def __getattr__(self, name: str) -> Any:
         observables = self.__dict__.get("observables")

@@ -9,6 +9,7 @@ batching is `jax.vmap` outside. How its states are found is for `solvers`. The d
 from __future__ import annotations
 
 import abc
+from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -275,17 +276,24 @@ class Scene(Checked):
         # A field that breaks its own rule is named before what follows from it.
         unfit = (found.status == Status.IMPOSSIBLE) & (reason == Reason.PARTS_DO_NOT_FIT)
         reason = jnp.where(unfit & ~admissible(self), int(Reason.FIELD_RULE), reason)
-        status, worst = found.status, jnp.asarray(-BROKEN, pressure.dtype)
-        open_to_rules = solved | (unfit & (reason != Reason.FIELD_RULE))
-        for name, margin in margins.items():
-            if name in self.ignored_rules or not Reason[name.upper()].forbids:
-                continue
-            value = lax.stop_gradient(margin)
-            broken = open_to_rules & (value < worst)
-            status = jnp.where(broken, Status.IMPOSSIBLE, status)
-            reason = jnp.where(broken, int(Reason[name.upper()]), reason)
-            detail, worst = jnp.where(broken, value, detail), jnp.where(broken, value, worst)
+        is_open = solved | (unfit & (reason != Reason.FIELD_RULE))
+        asked = [(name, lax.stop_gradient(v)) for name, v in margins.items() if name not in self.ignored_rules]
+        status, reason, detail = with_rules(asked, is_open, found.status, reason, detail)
         return margins, status, jnp.where(status == Status.OK, 0, reason), detail
+
+
+def with_rules(margins: Iterable[tuple[str, Array]], is_open: Array, status: Array, reason: Any, detail: Any):
+    """(status, reason, detail) of a state: IMPOSSIBLE where it is open to rules and breaks one that forbids, for the
+    worst of them. margins: (name of a rule, m)."""
+    worst = jnp.full_like(detail, -BROKEN)
+    for name, margin in margins:
+        rule = Reason[name.upper()]
+        if rule.forbids:
+            broken = is_open & (margin < worst)
+            status = jnp.where(broken, int(Status.IMPOSSIBLE), status)
+            reason = jnp.where(broken, int(rule), reason)
+            detail, worst = jnp.where(broken, margin, detail), jnp.where(broken, margin, worst)
+    return status, reason, detail
 
 
 def frozen(tree: Any) -> Any:

@@ -75,5 +75,21 @@ def unit_key(name: str, kind: str) -> str:
     return f"{name}_{label}" if label else name
 
 
+def number_of(text: str) -> float | None:
+    """A number as people write it; None for what is none, and for 1_0, which Python would read as 10.
+
+    Args:
+        text: the number, and nothing else.
+
+    Examples:
+        >>> sg.units.number_of("1e3"), sg.units.number_of("1_0")
+        (1000.0, None)
+    """
+    try:
+        return float(text if "_" not in text else "")
+    except ValueError:
+        return None
+
+
 _NUMBERS = (name for name, value in globals().copy().items() if type(value) is float)
 __dir__ = listing(globals(), "DISPLAY", "SI", *_NUMBERS)

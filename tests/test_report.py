@@ -9,6 +9,7 @@ import re
 import shlex
 import tomllib
 from html import escape
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from softgrip_jax.reasons import Reason
 from softgrip_jax.report.inputs import keep_inputs
 from softgrip_jax.report.run import (
     change,
+    command_of,
     compare_runs,
     differs,
     flat,
@@ -144,6 +146,25 @@ def test_tables_of_other_rows_follow_each_other(runs, tmp_path):
     text = compare_runs(*places, tmp_path / "both.html").read_text(encoding="utf-8")
     assert "<td>b</td><td>2</td>" in text
     assert "<td>c</td><td>3</td>" in text
+
+
+def test_a_run_is_called_by_its_folder_wherever_one_stands(runs, monkeypatch):
+    monkeypatch.chdir(runs[0])
+    text = write_report(Path()).read_text(encoding="utf-8")
+    assert "softgrip sensitivity: near<" in text
+    text = compare_runs(Path(), runs[1], runs[0].parent / "both.html").read_text(encoding="utf-8")
+    assert "near and far<" in text
+
+
+@pytest.mark.parametrize(
+    ("left", "command"),
+    [("materials.csv", "calibrate"), ("points.csv", "calibrate"), ("study.png", "sweep"), ("study.csv", "sweep")],
+)
+def test_what_a_run_leaves_says_which_of_the_sections_it_is_of(tmp_path, left, command):
+    """A study may be kept elsewhere (--to): then its folder has no store."""
+    (tmp_path / left).touch()
+    asked = command_of({"design": {}, "sweep": {}, "tension": {}}, {}, tmp_path)
+    assert asked == ["softgrip", command, "config.toml"]
 
 
 def test_mistakes_are_one_sentence(tmp_path, capsys):

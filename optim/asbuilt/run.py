@@ -24,7 +24,7 @@ from softgrip_jax.progress import Tell, stages
 from softgrip_jax.questions import pressure_for, solve
 from softgrip_jax.report.inputs import named_files, renamed
 from softgrip_jax.report.run import tell_and_keep, write_report
-from softgrip_jax.results import Solution, Status, in_units
+from softgrip_jax.results import NORMAL_95, Solution, Status, in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
 
@@ -188,7 +188,7 @@ def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list
     tell("what a search would change")
     wanted = design_settings.read(dataclasses.replace(settings.config, scenes=scenes))
     problem = wanted.problem
-    measured, slopes = problem.compiled(problem.space.to_unit(problem.space.reference)[None])
+    measured, slopes = problem.measured_with_slopes(problem.space.to_unit(problem.space.reference)[None])
     quantity = problem.goals[0].quantity
     k = problem.quantities.index(quantity)
     value = float(np.asarray(measured.values)[0, k])
@@ -215,8 +215,8 @@ def rows(settings: Settings, known: AsBuilt) -> list[dict[str, Any]]:
                 "number": key,
                 "drawn": was / unit,
                 "built": now / unit,
-                "low_95": (now - 1.96 * deviation) / unit,
-                "high_95": (now + 1.96 * deviation) / unit,
+                "low_95": (now - NORMAL_95 * deviation) / unit,
+                "high_95": (now + NORMAL_95 * deviation) / unit,
             }
         )
     return found
@@ -251,13 +251,13 @@ def report(
     for head in ("", "drawn", "built, and its 95 % interval", "change"):
         table.add_column(head, justify="right" if head else "left")
     for (key, kind), was, now, deviation in zip(keys(settings), *values(settings, known), strict=True):
-        interval = f"{in_units(now, kind)} +- {in_units(1.96 * deviation, kind)}"
+        interval = f"{in_units(now, kind)} +- {in_units(NORMAL_95 * deviation, kind)}"
         table.add_row(key, in_units(was, kind), interval, f"{now / was - 1:+.1%}")
     table.add_section()
     for one in compared:
         if not one.deviation > GIVEN * abs(one.built):  # what the task asks for is given
             continue
-        interval = f"{in_units(one.built, one.kind)} +- {in_units(1.96 * one.deviation, one.kind)}"
+        interval = f"{in_units(one.built, one.kind)} +- {in_units(NORMAL_95 * one.deviation, one.kind)}"
         change = f"{one.built / one.drawn - 1:+.1%}" if one.drawn and np.isfinite(one.drawn) else "-"
         table.add_row(one.name.replace("_", " "), in_units(one.drawn, one.kind), interval, change)
     console.print(table)

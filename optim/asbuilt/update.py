@@ -25,6 +25,7 @@ import numpy as np
 
 from softgrip_jax import cad
 from softgrip_jax.errors import InputError
+from softgrip_jax.results import NORMAL_95
 from softgrip_jax.units import gram
 
 from ..calibration.fit import Fit, finished, reached, require_data
@@ -61,7 +62,6 @@ class AsBuilt:
     fit: Fit | None = None
     fit_covariance: np.ndarray | None = None
     remarks: tuple[str, ...] = ()
-    """Of the fit, sentences."""
 
     @property
     def deviations(self) -> np.ndarray:
@@ -174,7 +174,7 @@ def _agree(part: str, mass: float, expected: float, error: float, slope: np.ndar
     if abs(mass - expected) > CONFLICT * np.hypot(error, spread):
         raise InputError(
             f"The mass of the {part}, {mass / gram:.4g} g, does not go with its dimensions, which say "
-            f"{expected / gram:.4g} +- {1.96 * spread / gram:.2g} g; weigh and measure again, or correct "
+            f"{expected / gram:.4g} +- {NORMAL_95 * spread / gram:.2g} g; weigh and measure again, or correct "
             "density_g_per_cm3 or the tolerances."
         )
 

@@ -48,12 +48,7 @@ class Specimens:
 def by_specimen(fit: Fit) -> Specimens | None:
     """A fit per specimen, where there are several and each has more points than there are parameters."""
     fitting = fit.fitting
-    labels = np.concatenate(
-        [
-            np.array([c.specimens[i] for i in c.specimen]) if c.specimen is not None else np.full(len(c.x), "")
-            for c in fitting.curves
-        ]
-    )
+    labels = np.concatenate([curve.labels for curve in fitting.curves])
     fitted = np.asarray(fit.member.weight)
     names = [name for name in dict.fromkeys(labels) if name and fitted[labels == name].any()]
     weights = [fitted * (labels == name) for name in names]

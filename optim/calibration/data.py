@@ -16,7 +16,7 @@ import numpy as np
 
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
-from softgrip_jax.units import DISPLAY, degree
+from softgrip_jax.units import DISPLAY, degree, number_of
 
 UNITS: dict[str, dict[str, float]] = {
     "length": {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "um": 1e-6},
@@ -84,29 +84,27 @@ class Curve:
 
     name: str
     model: str
-    """Which of the models it belongs to."""
     quantity: str
-    """An observable of a scene; "stress" of a tension test."""
     kind: str
-    """Of the quantity: a key of units.DISPLAY."""
     x: np.ndarray
-    """Pressure, Pa; engineering strain of a tension test."""
     y: np.ndarray
     component: int | None = None
-    """Of a position: 0 for x, 1 for y."""
     noise: float | None = None
-    """Standard deviation of y; None where it shall be estimated from the residuals."""
     fit: bool = True
-    """False: predicted and compared, but not fitted."""
     specimen: np.ndarray | None = None
-    """A number for each point, where there are several specimens or repeats; None for one."""
     specimens: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    """What was left out or looks odd, in sentences."""
 
     def __post_init__(self) -> None:
         if self.noise is not None and not (np.isfinite(self.noise) and self.noise > 0):
             raise InputError(f"The noise of curve {self.name!r} is {self.noise:g}; it must be a positive number.")
+
+    @property
+    def labels(self) -> np.ndarray:
+        """The name of the specimen of every point; '' where there is none."""
+        if self.specimen is None:
+            return np.full(len(self.x), "")
+        return np.array([self.specimens[int(k)] for k in self.specimen])
 
     @property
     def label(self) -> str:
@@ -199,12 +197,9 @@ LARGEST = 1e30
 def _number(text: str, column: Column, path: Path, line: int) -> float:
     if text.lower() in MISSING:
         return np.nan
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.inf
-    if not abs(value) < LARGEST:
-        hint = f" below {LARGEST:g}" if np.isfinite(value) else ""
+    value = number_of(text)
+    if value is None or not abs(value) < LARGEST:
+        hint = f" below {LARGEST:g}" if value is not None and np.isfinite(value) else ""
         hint += "; write decimals with a point" if text.replace(",", "", 1).lstrip("+-").isdigit() else ""
         raise ConfigError(f"{path}, line {line}: {column.name} is {text!r}; it must be a finite number{hint}.")
     return value

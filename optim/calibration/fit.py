@@ -83,18 +83,13 @@ class Fit:
 
     fitting: Fitting
     member: FitMember
-    """The data with the weights and noises of the last fit; `start` is where it ended."""
     predicted: Predicted
     x: np.ndarray
-    """SI."""
     scales: np.ndarray
-    """A change of a parameter times its scale is in SI; log parameters scale with their value."""
     covariance: np.ndarray
-    """Of the scaled parameters."""
     cost: float
     steps: int
     notes: tuple[str, ...]
-    """What was left out or looks odd, in sentences."""
 
     @property
     def used(self) -> np.ndarray:

@@ -201,7 +201,10 @@ def _rows(fit: Fit, name: str, part: str, model: Any, x: np.ndarray) -> np.ndarr
     for variable, size in zip(fitting.space.variables, fitting.space.sizes, strict=True):
         for option in variable.name.split("="):
             path = option.strip().split(".")
-            path = path[1:] if path[0] in fitting.space.scenes else path
+            if path[0] in fitting.space.scenes:
+                if path[0] != name:
+                    continue
+                path = path[1:]
             if part in path:
                 short = ".".join(path[path.index(part) :])
                 variables.append(Variable(short, variable.low, variable.high, variable.scale))

@@ -13,7 +13,7 @@ A point without equilibrium (pressure beyond the limit point at these parameters
     r_i = (size of the curve / sigma_k) (1 + missing),   missing = 1/NEAR_LIMIT - limit pressure / pressure
 
 which is finite, larger than that of any point with an answer, and leads back by the slope of the limit pressure. It is
-for the way only: what is done with points that end there is decided in `calibrate.py`.
+for the way only: what is done with points that end there is decided in `fit.py`.
 """
 
 from __future__ import annotations

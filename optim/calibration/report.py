@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from scipy import stats
 
-from softgrip_jax.pneunet.drives import SENTENCE
+from softgrip_jax.pneunet.drives import sentence_of
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 from softgrip_jax.spread import Spread
@@ -106,7 +106,7 @@ def with_rival(findings: Findings, starts: int, seed: int, tell: Tell = silent) 
         return dataclasses.replace(findings, remarks=(*findings.remarks, STOPPED), stopped=True)
     if rival is None:
         return findings
-    said = (rival,) if isinstance(rival, str) else (rival.sentence(), SENTENCE)
+    said = (rival,) if isinstance(rival, str) else (rival.sentence(), sentence_of(rival.drives[0]))
     found = None if isinstance(rival, str) else rival
     return dataclasses.replace(findings, rival=found, remarks=(*findings.remarks, *said))
 

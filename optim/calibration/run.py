@@ -3,9 +3,9 @@
 The folder: config.toml as given and the measured files that it names, so that the run is repeated from there;
 calibrated.toml (the scenes with the fitted numbers), material.toml (its section [material], for
 `material = "material.toml"` in another config), points.csv (every point, its fit and error), result.json, summary.txt,
-fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive; with a posterior
-posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or not at all, and never
-replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
+report.html, fit.png; of a finger calibrated_cell.toml or calibrated_thesis.toml, the fit by its other drive; with a
+posterior posterior.nc, corner.png and predictive.png, see `optim.posterior.write`. It appears complete or not at all,
+and never replaces another. Stopped by Ctrl-C after the fit, it holds that and the intervals until then.
 
 A config with a section [tension] in place of [calibrate] compares materials on tension tests: see `optim.tension.run`.
 """
@@ -194,11 +194,13 @@ def write_points(path: Path, fit: Fit) -> None:
 COLUMNS = ("measured", "fitted", "error", "used")
 
 
+def plain(values: Any) -> list[float | None]:
+    """As JSON has it."""
+    return [float(v) if np.isfinite(v) else None for v in values]
+
+
 def _summary(findings: Findings) -> dict[str, Any]:
     fit, space = findings.fit, findings.fit.fitting.space
-
-    def plain(values: Any) -> list[float | None]:
-        return [float(v) if np.isfinite(v) else None for v in values]
 
     def vector(values: Any) -> dict[str, float | None]:
         return dict(zip(space.names, plain(values), strict=True))
@@ -241,10 +243,10 @@ def _other(rival: Rival, vector: Any) -> dict[str, Any]:
     other = rival.fits[1]
     return {
         "drives": list(rival.drives),
-        "log_likelihoods": [value if np.isfinite(value) else None for value in rival.likelihoods],
+        "log_likelihoods": plain(rival.likelihoods),
         "better": rival.better,
         "parameters": vector(other.x),
-        "rmse": {curve.name: float(other.rmse(k)) for k, curve in enumerate(other.fitting.curves)},
+        "rmse": {curve.name: plain([other.rmse(k)])[0] for k, curve in enumerate(other.fitting.curves)},
     }
 
 

@@ -150,7 +150,7 @@ class Evaluator:
     It remembers where it has been: a design is solved from the nearest one that it knows (`Problem.solve_nearby`), and
     along the whole way from zero load (`Problem.solve`) only where that does not lead to an equilibrium. What lies
     beyond a limit point learns from that how far (`Problem.lost_nearby`), and what has no equilibrium for another
-    reason asks `Problem.compiled`. Each of them is compiled when it is first needed, the first two together
+    reason asks `Problem.measured_with_slopes`. Each of them is compiled when it is first needed, the first two together
     (`Problem.prepare`).
     """
 
@@ -322,7 +322,7 @@ class Evaluator:
         )
 
     def _measured(self, t: np.ndarray) -> Any:
-        return self._in_chunks(partial(self.problem.compiled, home=self.home), self.chunk, t)
+        return self._in_chunks(partial(self.problem.measured_with_slopes, home=self.home), self.chunk, t)
 
     def _solve(self, t: np.ndarray) -> Any:
         return self._in_chunks(self.problem.solved, self.chunk, t)
@@ -477,13 +477,13 @@ class SearchResult:
         designs: distinct designs, the best first; infeasible ones only where nothing feasible was found.
         history: per step, shape (steps,), dimensionless: best_objective so far, and how many batch members are
             with_equilibrium, feasible (loosely) so far, moving.
-        solves: designs evaluated, each with its derivatives.
+        solves: designs evaluated.
         seconds: by stage, s.
         stopped: by Ctrl-C: the designs are the best until then, and not finished.
         paths: the objective of every start at every step, dimensionless, shape (steps, starts); NaN where it is not
             (nearly) feasible.
         descended: the objective of the best feasible design before the finish, dimensionless.
-        reached: how many starts ended near each of the designs.
+        reached: how many starts ended within REGION of each of the designs; one that was left to another ends with it.
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: what scales the goals where the starting design does not, see `Scaling`.
@@ -495,29 +495,17 @@ class SearchResult:
 
     problem: Problem
     reference: Design
-    """The design that the search started from."""
     designs: list[Design]
-    """Distinct designs, the best first; infeasible ones only where nothing feasible was found."""
     history: dict[str, np.ndarray]
-    """Per step: best_objective so far, and how many members are with_equilibrium, feasible so far (to
-    LOOSELY_FEASIBLE), moving."""
     solves: int
-    """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
     stopped: bool = False
-    """By Ctrl-C: the designs are the best until then, and not finished."""
     paths: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
-    """The objective of every start at every step, shape (steps, starts); NaN where it is not (nearly) feasible."""
     descended: float = float("nan")
-    """The objective of the best feasible design before the finish: what the descent alone has found."""
     reached: tuple[int, ...] = ()
-    """How many starts ended within REGION of each of the `designs`; one that was left to another ends with it."""
     merged: int = 0
-    """How many starts were left to better ones beside which they had come."""
     remarks: tuple[str, ...] = ()
-    """What scales the goals where the starting design does not, see `problem.Scaling`."""
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
-    """Of the start and of the best design, the states that were solved along the whole way: (scene, state) -> two."""
 
     @property
     def best(self) -> Design:
@@ -554,7 +542,7 @@ def search(
         finishes: members that are finished, the best of as many regions of the cube; 0 for the descent alone.
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible members, moving members).
-        remark: called with a sentence where the starting design has no answer.
+        remark: called with a sentence where the starting design has no answer, or does not give a quantity its scale.
         evaluator: what solves the designs, from the problem and a size of batches; see `optim.design.islands`.
 
     Raises:

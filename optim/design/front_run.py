@@ -1,8 +1,8 @@
 """`softgrip design` with a front: the trade-off, a table, a picture, and a folder that keeps everything.
 
 The folder: config.toml as given, designs.csv (the front, in the order of the first goal), designs/01.toml and so on
-(each design as `softgrip solve` accepts it), result.json, summary.txt, front.png. It appears complete or not at all;
-stopped by Ctrl-C it holds the best designs until then.
+(each design as `softgrip solve` accepts it), result.json, summary.txt, report.html, front.png. It appears complete or
+not at all; stopped by Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def run_front(
     """Find the front, print it, and return the folder that holds it; Ctrl-C as in `run.run_design`."""
     name = read.path.stem
     with new_folder(out, name) as (folder, final):
-        with located(name), stages(console) as tell:
+        with located(f"{read.path}, [design]"), stages(console) as tell:
             tell("compiling")
             front = pareto(
                 wanted.problem,
@@ -109,4 +109,4 @@ def report(front: Front, console: Console) -> None:
     for sentence in said(problem):
         console.print(sentence, soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in front.seconds.items())
-    console.print(f"{front.solves} designs solved with derivatives ({times})", soft_wrap=True)
+    console.print(f"{front.solves} designs solved ({times})", soft_wrap=True)

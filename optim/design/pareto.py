@@ -75,7 +75,7 @@ class Front:
         problem: what was asked.
         designs: feasible, none better in every goal than another, in the order of the first goal.
         terms: scaled terms, to be minimised, dimensionless, shape (designs, goals).
-        solves: designs evaluated, each with its derivatives.
+        solves: designs evaluated.
         seconds: by stage, s.
         stopped: by Ctrl-C: the designs are the best of those that were solved until then.
 
@@ -86,14 +86,10 @@ class Front:
 
     problem: Problem
     designs: list[Design]
-    """Feasible, none better in every goal than another, in the order of the first goal."""
     terms: np.ndarray
-    """(design, goal): the scaled terms, to be minimised."""
     solves: int
-    """Designs evaluated, each with its derivatives."""
     seconds: dict[str, float]
     stopped: bool = False
-    """By Ctrl-C: the designs are the best of those that were solved until then."""
 
 
 def pareto(

@@ -1,9 +1,9 @@
 """`softgrip design CONFIG.toml`: search, a table of the best designs, and a folder that keeps everything.
 
 The folder: config.toml as given (with the parts that stood in other files), best.toml (what `softgrip solve` accepts),
-designs.csv, history.csv, result.json, summary.txt, convergence.png and, for every scene that has a picture,
-before_after.png (of several scenes before_after_NAME.png). It appears complete or not at all, and never replaces
-another. Of a search that is stopped by Ctrl-C it holds the best designs until then.
+designs.csv, history.csv, result.json, summary.txt, report.html, convergence.png and, for every scene that has a
+picture, before_after.png (of several scenes before_after_NAME.png). It appears complete or not at all, and never
+replaces another. Of a search that is stopped by Ctrl-C it holds the best designs until then.
 """
 
 from __future__ import annotations
@@ -92,7 +92,9 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     with new_folder(out, config.stem) as (folder, final):
         with nullcontext(scattered.evaluator) if scattered else evaluator_on(spread, wanted.problem) as evaluator:
             result, other = _search_with_progress(wanted, console, evaluator)
+        where = f"after {len(result.history['moving'])} steps"
         if scattered and not result.stopped:
+            where = "after the nominal search"
             try:
                 with located(f"{config}, [design.uncertain]"), stages(console) as tell:
                     result, robust = scattered.robust(result, tell)
@@ -102,7 +104,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
                 missed = f"{error} The nominal designs are kept."
                 result = dataclasses.replace(result, remarks=(*result.remarks, missed))
         if result.stopped:
-            console.print(f"Stopped after {len(result.history['moving'])} steps; the designs until then are kept.")
+            console.print(f"Stopped {where}; the designs until then are kept.")
         with DeferInterrupt() as writing:
 
             def tell_all(console: Console) -> None:
@@ -115,7 +117,7 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
             tell_and_keep(folder, console, tell_all)  # at once: pictures take a while
             if robust:
                 robust_report.write(folder, read, wanted.problem, result, robust)
-            _write(folder, given, read, wanted, result, robust, missed)
+            _write(folder, given, read, wanted, result, where, robust, missed)
             write_report(folder, final.name)
     command = next_command(wanted.problem, final / "best.toml", result.best)
     console.print(summary("run", final, command), soft_wrap=True)
@@ -187,14 +189,16 @@ def _write(
     read: configs.Config,
     wanted: settings.Settings,
     result: SearchResult,
-    robust: Robust | None = None,
-    missed: str = "",
+    where: str,
+    robust: Robust | None,
+    missed: str,
 ) -> None:
+    """where: a search that was stopped was stopped there."""
     problem, best = wanted.problem, result.best
     (folder / "config.toml").write_bytes(given)
     comment = f"The best design of a search with softgrip_jax {sg.__version__}, seed {wanted.arguments['seed']}."
     if result.stopped:
-        comment += f"\nThe search was stopped after {len(result.history['moving'])} steps."
+        comment += f"\nThe search was stopped {where}."
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
     if missed:
@@ -361,7 +365,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
     console.print(table)
     for number, design in enumerate(shown):
         name = f"Design {number}" if number else "The start"
-        for words in unsolved(problem, design):
+        for words in unsolved(design):
             console.print(f"{name} has no answer: {words}.", soft_wrap=True)
         for words in beside.reasons[number] if beside else []:
             console.print(f"{name} by the other drive, {words}.", soft_wrap=True, markup=False)
@@ -376,7 +380,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         console.print("No design that keeps every constraint was found.", style="bold")
     console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
-    console.print(f"{result.solves} designs solved with derivatives ({times})", soft_wrap=True)
+    console.print(f"{result.solves} designs solved ({times})", soft_wrap=True)
 
 
 def _batch(result: SearchResult) -> str:

@@ -35,8 +35,9 @@ from softgrip_jax import config as configs
 from softgrip_jax.config.keys import Seed, Table, quantity, state_of, varied
 from softgrip_jax.errors import ConfigError, located
 from softgrip_jax.parameters import Scenes
-from softgrip_jax.pneunet.drives import SENTENCE
-from softgrip_jax.quantities import SHAPE, Quantity, State
+from softgrip_jax.pneunet.drives import sentence_of
+from softgrip_jax.pneunet.finger_scene import FingerScene
+from softgrip_jax.quantities import AT_REST, SHAPE, Quantity, State
 from softgrip_jax.scene import Scene
 from softgrip_jax.units import DISPLAY, mm, unit_key
 
@@ -135,6 +136,8 @@ def read(config: configs.Config) -> Settings:
             require_one_law(space)
         sentences, reported = differing_laws(space), [limit.quantity for limit in required]
         if both:
+            own = [scene.drive for scene in space.scenes.values() if isinstance(scene, FingerScene)]
+            sentences = [*sentences, BOTH, *dict.fromkeys(map(sentence_of, own))]
             space, limits, reported = by_both_drives(space, goals, limits)
         problem = Problem(
             space,
@@ -145,7 +148,7 @@ def read(config: configs.Config) -> Settings:
             reported=reported,
         )
         if both:
-            problem.different_laws = (*sentences, BOTH, SENTENCE)
+            problem.different_laws = tuple(sentences)
     of_search = {n: getattr(table, n) for n in ("starts", "steps", "optimiser", "learning_rate", "finishes", "seed")}
     if table.front is None:
         scattered = None
@@ -160,10 +163,11 @@ def read(config: configs.Config) -> Settings:
 
 
 def asked_first(problem: Problem) -> tuple[str, State]:
-    """(scene, state) of the first goal, or of the first goal or limit that is about a state; None where none is."""
+    """(scene, state) of the first goal or limit that is about a loaded state; the first goal's scene and None where
+    none is."""
     wanted = [item.quantity for item in (*problem.goals, *problem.limits)]
-    first = next((quantity for quantity in wanted if quantity.at is not None), wanted[0])
-    return first.scene, first.at
+    of_states = (quantity.state for quantity in wanted if quantity.at not in (None, AT_REST))
+    return next(of_states, (wanted[0].scene, None))
 
 
 def question(at: State, scene: Scene) -> dict[str, dict[str, float]]:

@@ -14,13 +14,13 @@ from softgrip_jax.draws import read_draws
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.progress import Tell, silent
+from softgrip_jax.results import NORMAL_95
 
 from ..calibration.identifiability import HELPFUL, TAKES_PART, UNKNOWN, combination, directions
 from .decision import LEAST_SHARE, Verdict, decided, verdict
 from .information import Candidates, choose, evenly
 from .settings import Settings
 
-NORMAL_95 = 1.96
 MOST_ROUNDS = 20
 """Times that every candidate of a measurement is repeated, at most, before it is said not to help."""
 MOST_EXACT = 1e9

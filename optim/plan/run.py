@@ -18,7 +18,7 @@ from softgrip_jax.errors import located
 from softgrip_jax.folders import new_folder
 from softgrip_jax.progress import stages
 from softgrip_jax.report.run import tell_and_keep, write_report
-from softgrip_jax.results import in_units
+from softgrip_jax.results import NORMAL_95, in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -47,7 +47,7 @@ def run_plan(config: Path, out: Path | None, console: Console) -> Path:
 
 
 def place_of(plan: Plan, k: int) -> str:
-    """'at 12 kPa', 'at a strain of 0.5'; '' for a number itself."""
+    """'12 kPa', 'strain 0.5'; '' for a number itself."""
     one = plan.settings.measurements[plan.of[k]]
     if one.curve is None:
         return ""
@@ -135,7 +135,7 @@ def report(plan: Plan, console: Console) -> None:
     for step, k in enumerate(plan.chosen, 1):
         one = plan.settings.measurements[plan.of[k]]
         mean, spread = _expected(plan, k)
-        expected = f"{mean:.4g} +- {1.96 * spread:.2g} {one.table.unit}"
+        expected = f"{mean:.4g} +- {NORMAL_95 * spread:.2g} {one.table.unit}"
         table.add_row(f"{step}. {one.table.name}", place_of(plan, k), expected, *(_percent(v) for v in widths[step]))
     table.add_section()
     for name, spaced in plan.evenly.items():
@@ -167,7 +167,7 @@ def decided_words(plan: Plan) -> list[str]:
             f"The yield is expected to be {np.mean(v.yields):.1%}; for 95 % of what is possible it lies between "
             f"{low:.1%} and {high:.1%}. Whether it is at least {decision.uncertain.wanted.promised:.4g} {rightly}"
         ]
-    told = [in_units(one, decision.kind) for one in (v.mean, 1.96 * v.before, 1.96 * v.after)]
+    told = [in_units(one, decision.kind) for one in (v.mean, NORMAL_95 * v.before, NORMAL_95 * v.after)]
     return [
         f"{decision.key} is expected to be {told[0]}, known to +- {told[1]} now and to +- {told[2]} after the plan. "
         f"Whether it keeps its bounds {rightly}"
@@ -198,7 +198,7 @@ def draw(plan: Plan, path: Path) -> None:
         x = plan.x[own] if is_test else plan.x[own] / DISPLAY["pressure"][1]
         chosen = np.array([int(k) in plan.chosen for k in own])
         points = [plots.Points("to be measured", x, told[:, 0], chosen)]
-        line = plots.Line("expected, and 95 % of what is possible", x, told[:, 0], 1.96 * told[:, 1])
+        line = plots.Line("expected, and 95 % of what is possible", x, told[:, 0], NORMAL_95 * told[:, 1])
         label = f"{one.curve.label} ({one.table.unit})"
         panels.append(
             plots.Panel(

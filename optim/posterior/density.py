@@ -181,7 +181,7 @@ class Density:
         fitting, space = fit.fitting, fit.fitting.space
         self.n, self.y = space.size, np.asarray(fitting.y)
         self.used = np.asarray(fit.used)
-        labels = specimens_of(fitting.curves)
+        labels = np.concatenate([curve.labels for curve in fitting.curves])
         counted = [str(name) for name in dict.fromkeys(labels) if self.used[labels == name].any()]
         self.varying = np.array([any(p in PARTS for p in _path(name)) for name in space.names]) & (space.low > 0)
         self.specimens: tuple[str, ...] = tuple(counted) if len(counted) > 1 and between > 0 else ()
@@ -421,16 +421,6 @@ class Density:
         scale[self._cuts[2]] = 0.3
         v[self._cuts[3]], scale[self._cuts[3]] = np.log(0.3), 0.5
         return v, scale
-
-
-def specimens_of(curves: tuple[Curve, ...]) -> np.ndarray:
-    """The name of the specimen of every point; '' where a curve names none."""
-    return np.concatenate(
-        [
-            np.full(len(c.x), "") if c.specimen is None else np.array([c.specimens[int(i)] for i in c.specimen])
-            for c in curves
-        ]
-    )
 
 
 def require_touched(fit: Fit) -> None:

@@ -12,10 +12,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from softgrip_jax.progress import Tell, silent
-from softgrip_jax.results import in_units
 
 from ..calibration.fit import Fit
-from .density import Density, Unknowns, require_normal, require_touched
+from .density import LEAST_SIZE, Density, Unknowns, require_normal, require_touched
 from .diagnose import Diagnosis, diagnose
 from .evidence import ROUGH, Scores, scores
 from .priors import Prior, Sampling, require_proper
@@ -104,7 +103,7 @@ class Posterior:
         if far:
             said.append(
                 f"The leave-one-out scores of {far} of {len(self.scores.shape)} points are rough: each of them moves "
-                "the posterior (Pareto k above 0.7)."
+                f"the posterior (Pareto k above {ROUGH:g})."
             )
         if self.density.specimens:
             said.append(
@@ -112,11 +111,6 @@ class Posterior:
                 "they do."
             )
         return said
-
-    def spread_words(self, j: int) -> str:
-        """'12 %' or '0.1 mm': half of the 95 % interval."""
-        low, high = self.quantiles([0.025, 0.975])[:, j]
-        return in_units(0.5 * (high - low), self.fit.fitting.space.kinds[j])
 
     def band(self, k: int, count: int = DRAWN, n: int = GRID) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(x, the model of a further specimen, the same with model error and noise) of a curve, one row per draw, SI;
@@ -135,7 +129,7 @@ class Posterior:
             rows.append(y)
         values = np.array(rows)
         with np.errstate(invalid="ignore"):
-            size = np.maximum(np.abs(values), 0.1 * self.fit.fitting.curves[k].size)
+            size = np.maximum(np.abs(values), LEAST_SIZE * self.fit.fitting.curves[k].size)
         error = np.sqrt(sigma[picks, None] ** 2 + (delta[picks, None] * size) ** 2)
         return x, values, values + error * rng.normal(size=(len(picks), 1))
 

@@ -18,7 +18,6 @@ from jaxtyping import Array, Float
 from scipy import stats
 
 from softgrip_jax.errors import InputError
-from softgrip_jax.results import in_units
 
 from ..space import Space
 
@@ -91,14 +90,6 @@ class Prior:
         normal = stats.norm(to(self.centre), self.spread)
         first, last = normal.cdf(to(low)), normal.cdf(to(high))
         return np.clip(back(normal.ppf(first + np.asarray(q) * (last - first))), low, high)
-
-    def words(self, kind: str) -> str:
-        """'lognormal, 175 kPa, 10 %'."""
-        if self.distribution == "lognormal":
-            return f"lognormal around {in_units(self.centre, kind)}, {self.spread:.3g} of its logarithm"
-        if self.distribution == "normal":
-            return f"normal around {in_units(self.centre, kind)}, {in_units(self.spread, kind)}"
-        return "uniform between its bounds"
 
 
 def weak(space: Space, j: int) -> Prior:

@@ -34,7 +34,7 @@ def tell(problem: Problem, result: SearchResult, robust: Robust, console: Consol
     for name, *cells in side_by_side(problem, result, robust):
         table.add_row(name, *cells)
     console.print(table)
-    for sentence in sentences(problem, robust):
+    for sentence in sentences(robust):
         console.print(sentence, soft_wrap=True, markup=False, highlight=False)
     if robust.budget is not None:
         console.print(_budget_table(robust))
@@ -89,7 +89,7 @@ def side_by_side(problem: Problem, result: SearchResult, robust: Robust) -> list
     return rows
 
 
-def sentences(problem: Problem, robust: Robust) -> list[str]:
+def sentences(robust: Robust) -> list[str]:
     """How it was found and whether the check holds."""
     wanted, best = robust.uncertain.wanted, robust.best
     found = [f"What scatters: {'; '.join(robust.uncertain.labels)}."]

@@ -61,11 +61,9 @@ class Robust:
         uncertain: what was asked.
         wants: how it was evaluated.
         best: the robust design.
-        nominal: unit values of the nominal best design.
         share: the promised yield; None where none is wanted.
         goal: the promised objective in the way that is wanted, scaled.
         of_nominal, of_best: fresh parts, counted.
-        first_error: of the expansion about the nominal best design.
         switched: why the parts were solved where they were.
         front: best designs for other yields.
         budget: of tolerances.
@@ -76,12 +74,10 @@ class Robust:
     uncertain: Uncertain
     wants: Wants
     best: Improved
-    nominal: np.ndarray
     share: float | None
     goal: float
     of_nominal: Count
     of_best: Count
-    first_error: Error | None
     switched: str
     front: tuple[FrontPoint, ...]
     budget: Budget | None
@@ -136,12 +132,13 @@ class Scattered:
 
         def lap(stage: str) -> None:
             nonlocal began, before
-            seconds[stage], solves[stage] = time.perf_counter() - began, self.parts.solves - before
+            seconds[stage] = seconds.get(stage, 0.0) + time.perf_counter() - began
+            solves[stage] = solves.get(stage, 0) + self.parts.solves - before
             began, before = time.perf_counter(), self.parts.solves
 
         tell("improving the design for all parts")
         at_nominal = nominal.best.t
-        best, first_error, switched = _improve(wants, uncertain, nominal, problem)
+        best, switched = _improve(wants, uncertain, nominal, problem)
         share, goal = promised(wants, best)
         lap("robust")
         of_best = counted(wants, best.t, fresh, lambda done: tell("counting parts of the robust design", done, fresh))
@@ -173,21 +170,7 @@ class Scattered:
             stopped = True
         result = dataclasses.replace(self._with_best(nominal, best, scaling), stopped=stopped)
         found = Robust(
-            *(
-                uncertain,
-                wants,
-                best,
-                at_nominal,
-                share,
-                goal,
-                of_nominal,
-                of_best,
-                first_error,
-                switched,
-                front,
-                compared,
-            ),
-            *(seconds, solves),
+            uncertain, wants, best, share, goal, of_nominal, of_best, switched, front, compared, seconds, solves
         )
         return result, found
 
@@ -280,16 +263,13 @@ def robust_search(
     return scattered.robust(nominal, silent, fresh)
 
 
-def _improve(
-    wants: Wants, uncertain: Uncertain, nominal: SearchResult, problem: Problem
-) -> tuple[Improved, Error | None, str]:
-    """(the robust design, the error of the expansion at the nominal best, why parts were solved if they were)."""
+def _improve(wants: Wants, uncertain: Uncertain, nominal: SearchResult, problem: Problem) -> tuple[Improved, str]:
+    """(the robust design, why parts were solved if they were)."""
     starts = candidates([d.t for d in nominal.designs if d.answered], problem.home(), uncertain.seed)
     if wants.wanted.goal == "worst":
         found = improved(wants, starts, ASCENT)
-        return _first(found), None, ""
+        return _first(found), ""
     has_yield, needs_values = wants.wanted.promised is not None, wants.wanted.goal != "nominal"
-    error = wants.error(nominal.best.t)
     switched = "it was asked for" if uncertain.method == "samples" else ""
     # The expansion, even where it is not good enough, says cheaply which designs are worth their samples.
     found = improved(wants, starts, DERIVATIVES)
@@ -297,14 +277,14 @@ def _improve(
         best = dataclasses.replace(found[0], error=wants.error(found[0].t))
         good = uncertain.method == "derivatives" or is_good(best.error, has_yield, needs_values)
         if good and not switched:
-            return best, error, ""
+            return best, ""
         switched = switched or f"the expansion about the robust design is not good enough: {words(best.error)}"
         found = improved(wants, best.t[None], BY_SAMPLES, widths=WIDTHS[1:])
     else:
         switched = switched or "no design was found whose parts have an expansion"
         found = improved(wants, starts[:BETTER], BY_SAMPLES)
     best = _first(found)
-    return dataclasses.replace(best, error=wants.error(best.t)), error, switched
+    return dataclasses.replace(best, error=wants.error(best.t)), switched
 
 
 def _first(found: list[Improved]) -> Improved:

@@ -201,7 +201,7 @@ def _number(space: Space, table: UncertainNumber, where: str) -> tuple[Scatter, 
     else:
         number = varied(space.scenes, table.name, where)
         name, unit, label = number.name, number.unit, DISPLAY[number.kind][0]
-        checked, lows = number, _least(space, number.name)
+        checked, lows = number, _ends_of(space, number.name)
     try:
         scatter = Scatter(name, given if relative else given * unit, relative, table.distribution)
     except InputError as error:
@@ -228,7 +228,7 @@ def _require_allowed(number: Any, value: float, scatter: Scatter, where: str) ->
         raise ConfigError(f"{where}: {number.key} scatters as far as {value:.4g} within {reach}; {allowed}") from None
 
 
-def _least(space: Space, name: str) -> list[float]:
+def _ends_of(space: Space, name: str) -> list[float]:
     """The least and the largest value that a design gives to a number, SI."""
     known = Parameters(space.scenes, [Parameter(name)])
     paths = set(name.split(" = "))

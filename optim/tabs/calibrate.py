@@ -26,7 +26,7 @@ from softgrip_jax.explorer.page import CSS, Page, table_html
 from softgrip_jax.explorer.tabs import Line, Newest, chart, ended, side_by_side, told
 from softgrip_jax.progress import Tell
 from softgrip_jax.results import in_units
-from softgrip_jax.units import kPa
+from softgrip_jax.units import kPa, number_of
 
 from ..calibration.data import MISSING, UNITS, Column, Curve, check_pressures, columns_of, decoded
 from ..calibration.fit import calibrate
@@ -274,11 +274,8 @@ def _is_number(cell: str) -> bool:
 
 
 def _is_value(cell: str) -> bool:
-    try:
-        value = float(cell)
-    except ValueError:
-        return False
-    return bool(np.isfinite(value))
+    value = number_of(cell)
+    return value is not None and bool(np.isfinite(value))
 
 
 def _points(made: Any, findings: Findings, values: np.ndarray) -> None:

@@ -508,7 +508,7 @@ def said_of(found: SearchResult, asked: SearchRequest, seconds: float) -> str:
         f"{asked.observable.replace('_', ' ')}{where}: {value(best)}; at the start it was {value(found.reference)}."
     ]
     if not best.answered:
-        words = [f"No design has an answer: {'; '.join(unsolved(problem, best)) or 'none was found'}."]
+        words = [f"No design has an answer: {'; '.join(unsolved(best)) or 'none was found'}."]
     elif not best.feasible:
         words.insert(0, f"No design keeps every limit and rule; the nearest breaks one by {best.violation:.2g} of it.")
     if best.active:

@@ -83,9 +83,9 @@ def compare(
     for name in materials:
         tell(f"fitting {name}")
         tried = candidate(name, curve.x[inside], curve.y[inside])
-        fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [_part(curve, inside)])
+        fitting = Fitting({STRIP: Tension(tried.start)}, tried.variables, [_part(curve, inside)])
         fit = calibrate(fitting, STARTS if len(tried.variables) > 1 else 1, seed, canonical=tried.canonical)
-        material = fit.modules()[TEST].material
+        material = fit.modules()[STRIP].material
         if not bool(material.is_stable_at_rest()):
             remarks.append(f"{name} is left out: {_softer_than_nothing(material)}.")
             continue
@@ -109,7 +109,7 @@ def _softer_than_nothing(material: Material) -> str:
     return f"its best fit has a shear modulus of {modulus} at rest, and no material has a negative one"
 
 
-TEST = "test"
+STRIP = "test"
 
 
 def akaike(fit: Fit) -> float:
@@ -124,7 +124,7 @@ def akaike(fit: Fit) -> float:
 def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
     """mu and its 95 % interval in each window that has three points or more, and on the whole a positive stress."""
     tried = candidate("NeoHookean", curve.x, curve.y)
-    fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [curve])
+    fitting = Fitting({STRIP: Tension(tried.start)}, tried.variables, [curve])
     start = to_free(fitting.space.inside(fitting.space.to_unit(fitting.space.reference)))
     found = []
     for window in windows:

@@ -17,7 +17,7 @@ to choose the larger of two materials; the table shows the errors too. Written i
 the window.
 
 The folder: config.toml with the files that it names, material.toml (the best), materials.csv, result.json, summary.txt,
-fit.png.
+report.html, fit.png.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ from .compare import (
     LEAST_POINTS,
     SOFT,
     STIFF,
-    TEST,
+    STRIP,
     Comparison,
     FittedMaterial,
     compare,
@@ -95,7 +95,7 @@ def read(path: Path) -> tuple[TensionTable, Curve]:
         found = read_specimens(path.parent, table.file, "tension", x, y)
     if table.compare_percent is not None and any(not w > 0 for w in table.compare_percent):
         raise ConfigError(f"{where}: compare_percent is {table.compare_percent}; strains are positive.")
-    return table, Curve("tension test", TEST, "stress", "pressure", **found)
+    return table, Curve("tension test", STRIP, "stress", "pressure", **found)
 
 
 OWN_FILES = ("material.toml", "materials.csv", "result.json", "summary.txt")
@@ -299,7 +299,7 @@ def draw(found: Comparison, path: Path) -> None:
     x = np.linspace(0, top, 120)
     lines = []
     for one in found.judged:
-        test = one.fit.modules()[TEST]
+        test = one.fit.modules()[STRIP]
         y = np.array(
             [float(test.stress(jnp.asarray(v))) if float(test.bearable(jnp.asarray(v))) > 0 else np.nan for v in x]
         )

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from .parts import Export, Piece
 from .rules import ManufactureTable
-from .solids import Number, extent, kernel, moved, scaled, turned, volume
+from .solids import Number, extent, kernel, moved, scaled, turned
 
 BETWEEN = 5.0
 """Millimetres between two pieces, and to the edge where there is room for it."""
@@ -95,9 +95,3 @@ def write_plate(plate: Sequence[Placed], path: Path) -> None:
         mesher.add_shape(solid, linear_deflection=0.01, angular_deflection=0.1)
     with locale_kept():
         mesher.write(str(path))
-
-
-def volumes_of(path: Path) -> list[float]:
-    """The volumes of the solids of a 3MF file, mm^3."""
-    with locale_kept():
-        return [volume(solid) for solid in kernel().Mesher().read(str(path))]

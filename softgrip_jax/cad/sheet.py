@@ -15,8 +15,6 @@ from .parts import Export
 from .rules import ManufactureTable
 from .solids import Number
 
-POURS = ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)")
-
 
 class Heading(NamedTuple):
     """Of a section."""

@@ -1,4 +1,4 @@
-"""The command and what all of its parts share: exit codes and pictures."""
+"""The command and what all of its parts share, exit codes among it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,9 @@ softgrip itself, 130 stopped by Ctrl-C.""",
 
 ConfigFile = Annotated[Path, typer.Argument(help="A TOML file with a [scene]; softgrip new writes one.")]
 SceneName = Annotated[str | None, typer.Option(help="Which of several scenes, by its name in the config.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes on this machine that compute.")]
+Scheduler = Annotated[str | None, typer.Option(help="A running Dask scheduler whose workers compute: tls://host:8786.")]
+Insecure = Annotated[bool, typer.Option(help="Allow tcp:// to a scheduler on another machine.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON in SI units and nothing else.")]
 
 

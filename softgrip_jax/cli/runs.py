@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..commands.files import console_for, tell_folder
-from .app import NO_ANSWER, AsJson, app
+from .app import NO_ANSWER, AsJson, Insecure, Scheduler, Workers, app
 
 
 @app.command()
@@ -23,11 +23,9 @@ def sweep(
         str | None, typer.Option(help="Where the store goes: a path that ends in .zarr, or an address (s3://...).")
     ] = None,
     table: Annotated[bool, typer.Option("--csv", help="Write study.csv too, from the store.")] = False,
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes on this machine that compute.")] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(help="A running Dask scheduler whose workers compute: tls://host:8786.")
-    ] = None,
-    insecure: Annotated[bool, typer.Option(help="Allow tcp:// to a scheduler on another machine.")] = False,
+    workers: Workers = None,
+    scheduler: Scheduler = None,
+    insecure: Insecure = False,
     as_json: AsJson = False,
 ) -> None:
     """Solve many designs: a grid, a Latin hypercube, a Sobol set, or a CSV file of them.

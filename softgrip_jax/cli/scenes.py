@@ -29,8 +29,9 @@ def solve(
         Path | None, typer.Option(help="The posterior.nc of a calibration: every value with its 95 % interval.")
     ] = None,
     draws: Annotated[
-        int, typer.Option(min=20, max=100_000, help="With --posterior: how many draws are solved.")
-    ] = 1000,
+        int | None,
+        typer.Option(min=20, max=100_000, help="With --posterior: how many draws are solved; 1000 by default."),
+    ] = None,
 ) -> None:
     """Solve one scene and report its state.
 
@@ -50,9 +51,10 @@ def solve(
 
     - softgrip solve configs/shell_flat.toml --posterior runs/calibrate_shell-001/posterior.nc
     """
+    from ..errors import ConfigError
+
     if posterior is not None:
         from ..commands.predict import run_predict
-        from ..errors import ConfigError
 
         for option, given in (("--plot", plot), ("--tolerance", tolerance), ("--observable", observable)):
             if given is not None:
@@ -60,6 +62,8 @@ def solve(
         if not run_predict(config, posterior, pressure_kpa, scene, as_json, draws):
             raise typer.Exit(NO_ANSWER)
         return
+    if draws is not None:
+        raise ConfigError("--draws are those of a posterior; give --posterior too.")
     from ..commands.solve import run_solve
 
     if not run_solve(config, pressure_kpa, scene, as_json, plot, tolerance, observable):

@@ -25,9 +25,14 @@ ENDS = (0.025, 0.5, 0.975)
 
 
 def run_predict(
-    config: Path, posterior: Path, pressure_kpa: float | None, scene: str | None, as_json: bool, draws: int = DRAWS
+    config: Path,
+    posterior: Path,
+    pressure_kpa: float | None,
+    scene: str | None,
+    as_json: bool,
+    draws: int | None = None,
 ) -> bool:
-    """Solve by the draws of a posterior and report; returns whether any of them has an answer."""
+    """Solve by so many draws of a posterior, DRAWS by default, and report; returns whether any has an answer."""
     import jax
     import jax.numpy as jnp
 
@@ -43,7 +48,7 @@ def run_predict(
         asked = {"pressure": configs.read_numbers(pressure_kpa, "--pressure-kPa", "nonnegative", "pressure", [""])}
     found = read_draws(read.scenes, posterior, "--posterior")
     values = np.stack([one.values for one in found], axis=1)
-    values = values[np.linspace(0, len(values) - 1, min(draws, len(values))).astype(int)]
+    values = values[np.linspace(0, len(values) - 1, min(draws or DRAWS, len(values))).astype(int)]
     if not np.all(np.isfinite(values)):
         raise ConfigError(f"--posterior: a draw in {str(posterior)!r} is not a finite number.")
     name = next(iter(read.scenes))

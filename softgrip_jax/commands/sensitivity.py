@@ -9,8 +9,8 @@ that [solve] asks for. A tolerance of 0.05 means 0.05 up or down, evenly distrib
 `posterior`, a file of `softgrip calibrate --posterior`, scatters the numbers that it knows as its draws do. Names and
 states are those of `softgrip_jax.config.keys`.
 
-The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png, summary.txt and,
-where there are tolerances, tolerances.csv.
+The folder: config.toml, sensitivity.nc (an xarray Dataset in SI), elasticities.csv, elasticities.png, summary.txt,
+report.html and, where there are tolerances, tolerances.csv.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
-from ..config.keys import Seed, Table, Varied, all_numbers, quantity, states_of, varied
+from ..config.keys import ObservableTable, Seed, Table, Varied, all_numbers, observed, varied
 from ..draws import read_draws
 from ..errors import ConfigError, located
 from ..folders import contents, new_folder
@@ -49,7 +49,6 @@ from ..results import Status, in_units
 from ..study import sensitivity
 from ..tables import Table as PrintedTable
 from .files import plain
-from .sweep import ObservableTable
 
 
 class ToleratedVariable(Table):
@@ -88,10 +87,7 @@ def read(config: configs.Config) -> Wanted:
         None if v.tolerance is None else v.tolerance * number.unit for v, number in zip(variables, numbers, strict=True)
     ]
     draws = _draws(config, table, numbers, tolerances, where)
-    quantities = []
-    for observed in table.observables:
-        for name in [observed.name] if isinstance(observed.name, str) else observed.name:
-            quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
+    quantities = observed(config.scenes, table.observables, where)
     return Wanted(numbers, tolerances, quantities or _asked_by_solve(config), table.samples, table.seed, draws)
 
 

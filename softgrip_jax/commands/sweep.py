@@ -10,8 +10,8 @@ method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "
 per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
 [[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.config.keys`.
 
-The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture, summary.txt and, where asked for,
-study.csv.
+The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture, summary.txt, report.html and,
+where asked for, study.csv.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
-from ..config.keys import Seed, Table, Varied, quantity, states_of, varied
+from ..config.keys import ObservableTable, Seed, Table, Varied, observed, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
 from ..parameters import Parameter
@@ -50,6 +50,7 @@ from ..study import Table as TableOfDesigns
 from ..study.dataset import status_name, write_csv
 from ..study.store import BEGUN, STORE, address_of, opened
 from ..study.summary import reason_counts
+from ..units import number_of
 from .summary import draw, tell_quantities
 
 
@@ -60,11 +61,6 @@ class SweptVariable(Table):
     points: int | None = pydantic.Field(default=None, ge=2, le=1_000_000)
     values: list[float] | None = pydantic.Field(default=None, min_length=1)
     scale: Literal["linear", "log"] = "linear"
-
-
-class ObservableTable(Table):
-    name: str | list[str]
-    at: str | dict[str, float | list[float]] | None = None
 
 
 class SweepTable(Table):
@@ -92,10 +88,7 @@ def read(config: configs.Config) -> tuple[Study, str]:
         identity += path.read_text(encoding="utf-8-sig")
     else:
         designs = _spread(table, numbers, where)
-    quantities = []
-    for observed in table.observables:
-        for name in [observed.name] if isinstance(observed.name, str) else observed.name:
-            quantities += [quantity(config.scenes, name, at, where)[0] for at in states_of(observed.at)]
+    quantities = observed(config.scenes, table.observables, where)
     with located(where):
         study = Study(config.scenes, [Parameter(v.name) for v in numbers], quantities, designs, table.gradients)
     return study, identity
@@ -168,10 +161,9 @@ def _from_csv(
             )
         for place, number in zip(places, numbers, strict=True):
             cell = line[place].strip() if place < len(line) else ""
-            try:
-                value = float(cell if "_" not in cell else "")  # Python would read 1_0 as 10
-            except ValueError:
-                raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number.") from None
+            value = number_of(cell)
+            if value is None:
+                raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number.")
             row.append(number.checked(value, "the value", spot))
         rows.append(row)
     if not rows:

@@ -14,6 +14,7 @@ The state of a quantity, `at`: "required" (the pressure that the scene's own tas
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -186,10 +187,26 @@ def state_of(scene: Scene, key: str, at: Any, where: str) -> State:
     return wanted if name == "pressure" else (name, wanted)
 
 
-def states_of(at: Any) -> list[Any]:
-    """{ pressure_kPa = [10, 20] } as two states; others as they are."""
-    if isinstance(at, dict) and len(at) == 1:
-        [(name, value)] = at.items()
-        if isinstance(value, list):
-            return [{name: one} for one in value]
-    return [at]
+class ObservableTable(Table):
+    """Quantities of a section, in one or several states."""
+
+    name: str | list[str]
+    at: str | dict[str, float | list[float]] | None = None
+
+    def states(self) -> list[Any]:
+        """{ pressure_kPa = [10, 20] } as two states; others as they are."""
+        if isinstance(self.at, dict) and len(self.at) == 1:
+            [(name, value)] = self.at.items()
+            if isinstance(value, list):
+                return [{name: one} for one in value]
+        return [self.at]
+
+
+def observed(scenes: Scenes, tables: Sequence[ObservableTable], where: str) -> list[Quantity]:
+    """All quantities that tables name."""
+    return [
+        quantity(scenes, name, at, where)[0]
+        for table in tables
+        for name in ([table.name] if isinstance(table.name, str) else table.name)
+        for at in table.states()
+    ]

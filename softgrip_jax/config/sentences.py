@@ -6,12 +6,7 @@ import difflib
 from collections.abc import Iterable
 from typing import Any
 
-from .. import pneunet as pneunet
-from .. import shell as shell
-from ..errors import ConfigError as ConfigError
-from ..units import unit_key as unit_key
-
-# --- sentences --------------------------------------------------------------------------------------------------------
+from ..errors import ConfigError
 
 
 def pick(name: Any, options: dict[str, Any], place: str) -> Any:

@@ -18,12 +18,9 @@ import pydantic
 import tomli_w
 
 from .. import plugins
-from .. import pneunet as pneunet
-from .. import shell as shell
-from ..errors import ConfigError as ConfigError
-from ..errors import InputError
+from ..errors import ConfigError, InputError
 from ..scene import Scene
-from ..units import unit_key as unit_key
+from ..units import unit_key
 from .modules import read_module, read_numbers, to_table
 from .sentences import shown, unknown
 

@@ -32,8 +32,8 @@ class Latest(Generic[T]):
         self._asked = 0
         self._open = True
         self._busy = False
-        self.begun = self.given_up = self.never_begun = 0
-        """How many answers were begun, how many of them were given up, and how many questions were replaced before."""
+        self.given_up = self.never_begun = 0
+        """How many answers were given up, and how many questions were replaced before they were begun."""
         self._thread = threading.Thread(target=self._run, name="softgrip explore", daemon=True)
         self._thread.start()
 
@@ -73,7 +73,6 @@ class Latest(Generic[T]):
                 if not self._open:
                     return
                 question, self._next, self._busy = self._next.pop(), [], True
-                self.begun += 1
             try:
                 for stage in self._answer(question):
                     self._deliver(question, stage)

@@ -149,10 +149,6 @@ class Session:
         self.numbers[key] = self.numbers[key].holding(value)
         return self._set(key, value)
 
-    def scene_value(self, key: str) -> float:
-        """What a number was when the scene was opened, SI."""
-        return self.numbers[key].value
-
     def nudge(self, key: str, up: bool) -> str:
         """A number by one step up or down."""
         key = PRESSURE if key == "pressure" else key

@@ -25,7 +25,7 @@ from panel.models.plotly import PlotlyPlot
 
 from .. import config as configs
 from ..commands.sweep import SweepTable
-from ..config.keys import quantity, states_of, varied
+from ..config.keys import observed, varied
 from ..errors import ConfigError, InputError
 from ..parameters import Parameter, Parameters
 from ..progress import Tell
@@ -180,17 +180,13 @@ def _config_of(folder: Path, root: Path, names: list[str]) -> tuple[Parameters |
     if not keys:  # the columns of a CSV are named as variables are
         file = folder / str(table.file)
         _require_inside([file], file, root)
-        with file.open(newline="", encoding="utf-8") as lines:
+        with file.open(newline="", encoding="utf-8-sig") as lines:  # as `commands.sweep` reads it
             keys = [[key.strip() for key in column.split("=")] for column in next(csv.reader(lines), [])]
     whole = {}
     for key in keys:
         name = varied(read.scenes, key, where).name
         whole[name.split("=")[0].strip()] = name
-    asked = []
-    for observed in table.observables:
-        for name in [observed.name] if isinstance(observed.name, str) else observed.name:
-            asked += [quantity(read.scenes, name, at, where)[0] for at in states_of(observed.at)]
-    wanted = QuantitySet(read.scenes, asked)
+    wanted = QuantitySet(read.scenes, observed(read.scenes, table.observables, where))
     by_name = dict(zip(map(variable_name, wanted.labels()), wanted.quantities, strict=True))
     return _parameters(read.scenes, names, whole), by_name
 

@@ -41,7 +41,6 @@ class Points(NamedTuple):
     x: np.ndarray
     y: np.ndarray
     used: np.ndarray
-    """False for points that were left out."""
 
 
 class Line(NamedTuple):

@@ -40,6 +40,11 @@ def with_other_drive(scene: Any) -> FingerScene | None:
     return dataclasses.replace(scene, drive=OTHER[scene.drive], beam=beam, points=points)
 
 
+def sentence_of(drive: str) -> str:
+    """What a drive and its other one are."""
+    return SMALL_STRAIN if drive == "small_strain" else SENTENCE
+
+
 def remarks(scene: FingerScene) -> list[str]:
     """What people must know who see both: what they are, and the dimensions to which the cell law was not fitted."""
-    return [SMALL_STRAIN if scene.drive == "small_strain" else SENTENCE, *range_remarks(scene.finger)]
+    return [sentence_of(scene.drive), *range_remarks(scene.finger)]

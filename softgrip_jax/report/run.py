@@ -40,7 +40,10 @@ ROUNDING = 1e-9
 LEFT = {
     "sensitivity.nc": "sensitivity",
     "study.zarr": "sweep",
+    "study.csv": "sweep",
+    "study.png": "sweep",
     "points.csv": "calibrate",
+    "materials.csv": "calibrate",
     "plan.csv": "plan",
     MEASURED: "measure",
     "curve.csv": "",
@@ -143,7 +146,7 @@ def write_report(folder: Path, name: str | None = None) -> Path:
     """Write report.html into the folder of a run, from its files; `name`: the folder's name in the end."""
     config, result = config_of(folder), read_json(folder / "result.json")
     command = command_of(config, result, folder)
-    page = Document(f"softgrip {command[1]}: {name or folder.name}")
+    page = Document(f"softgrip {command[1]}: {name or folder.resolve().name}")
     page.heading("What was asked")
     page.code((folder / CONFIG).read_text(encoding="utf-8"))
     page.heading("What came out")
@@ -325,15 +328,16 @@ def _add_model_error(page: Document, scenes: dict[str, Any]) -> None:
 def compare_runs(first: Path, second: Path, out: Path) -> Path:
     """Write a page about two runs: inputs that differ, results side by side."""
     folders = (first, second)
+    names = [folder.resolve().name for folder in folders]
     given = [config_of(folder) for folder in folders]
     found = [read_json(folder / "result.json") for folder in folders]
     commands = [command_of(*of_one) for of_one in zip(given, found, folders, strict=True)]
     configs_of, results = [[flat(one) for one in every] for every in (given, found)]
-    page = Document(f"{first.name} and {second.name}")
+    page = Document(" and ".join(names))
     page.heading("Inputs that differ")
     rows = [[key, *(c.get(key) for c in configs_of)] for key in dict.fromkeys(k for c in configs_of for k in c)]
     rows = [row for row in rows if row[1] != row[2]]
-    head = ["", first.name, second.name]
+    head = ["", *names]
     page.table(head, rows) if rows else page.text("The configs are the same.")
     page.heading("Results")
     every = dict.fromkeys(key for result in results for key in result)
@@ -356,9 +360,9 @@ def compare_runs(first: Path, second: Path, out: Path) -> Path:
             _compare_tables(page, head, [read_table(folder / path.name) for folder in folders])
     for picture in sorted({path.name for folder in folders for path in folder.glob("*.png")}):
         page.heading(picture.removesuffix(".png").replace("_", " "))
-        for folder in folders:
+        for name, folder in zip(names, folders, strict=True):
             if (folder / picture).is_file():
-                page.picture(folder / picture, folder.name)
+                page.picture(folder / picture, name)
     with page.together():
         page.heading("How to repeat them")
         for folder, command in zip(folders, commands, strict=True):

@@ -89,9 +89,9 @@ class Study:
             self.batch = self.blocks.size
         else:
             most = BATCH.get(jax.default_backend(), DEVICE_BATCH)
+            # It is solved together: small studies do not pay for a full one.
             self.batch = min(most, _power_of_two(max(designs.count, LEAST_BATCH)))
             self.blocks = Blocks.of(designs.shape, BLOCK if _is_quick(scenes) else SLOW_BLOCK, self.batch)
-        # The batch is what is solved together; small studies do not pay for a full one.
         names = [column.name for column in columns(self)]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:

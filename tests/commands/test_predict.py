@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from softgrip_jax.cli import NO_ANSWER, run
+from softgrip_jax.cli import MISTAKE, NO_ANSWER, run
 
 xr = pytest.importorskip("xarray", reason="posteriors need the extra bayes")
 pytest.importorskip("h5netcdf", reason="posteriors need the extra bayes")
@@ -39,6 +39,12 @@ def test_draws_that_touch_nothing_are_counted_and_not_averaged(tmp_path, capsys)
     assert count == 2
     assert run(words) == 0
     assert "2 of 5 draws have no equilibrium or touch nothing" in capsys.readouterr().out
+
+
+def test_draws_are_those_of_a_posterior(tmp_path, capsys):
+    words = asked(tmp_path, [170.0, 175.0])
+    assert run([*words[:2], "--draws", "20"]) == MISTAKE
+    assert "--draws are those of a posterior; give --posterior too." in capsys.readouterr().err
 
 
 def test_no_draw_that_touches_is_no_answer(tmp_path, capsys):

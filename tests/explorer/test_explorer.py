@@ -222,7 +222,7 @@ def test_every_slider_goes_to_both_ends():
             session.take(question, stages[0])
             assert session.good is not None
             assert bool(session.message) == (isinstance(stages[0], str) or not stages[0].ok)
-        session.type_in(key, number.shown(session.scene_value(key)))
+        session.type_in(key, number.shown(session.numbers[key].value))
 
 
 @pytest.mark.parametrize(

@@ -383,7 +383,8 @@ def of_csv(tmp_path_factory):
     given, folder = tmp_path_factory.mktemp("given"), tmp_path_factory.mktemp("csv")
     shells = "".join(f"[scenes.{name}.shell]\n{SHELL}" for name in ("free", "flat"))
     (given / "config.toml").write_text(TWO_SCENES + shells, encoding="utf-8")
-    (given / "designs.csv").write_text("shell.t_m_mm\n1.0\n1.3\n", encoding="utf-8")
+    # With the mark that spreadsheets put before a text.
+    (given / "designs.csv").write_text("shell.t_m_mm\n1.0\n1.3\n", encoding="utf-8-sig")
     study, identity = read(configs.load(given / "config.toml"))
     sg.study.run_in(folder, study, identity)
     keep_inputs(folder, given / "config.toml")

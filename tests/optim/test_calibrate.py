@@ -13,7 +13,7 @@ import softgrip_jax as sg
 from optim.calibration.cross_validation import by_specimen, held_out
 from optim.calibration.data import Curve
 from optim.calibration.fit import calibrate, implausible
-from optim.calibration.identifiability import _finger_scenes, _shell_scenes, unknown_directions
+from optim.calibration.identifiability import _finger_scenes, _shell_scenes, candidates, unknown_directions
 from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
 from optim.space import Variable, to_free
@@ -253,6 +253,19 @@ def test_a_product_is_named_and_a_tension_test_parts_it(noisy):
     assert set(without) == {"free", "test"}
     # Without the tension test mu t_m is still known, so the free curve is no worse; without the free curve t_m is lost.
     assert np.prod(without["test"][0]) == pytest.approx(175 * kPa * T, rel=0.02)
+
+
+def test_further_measurements_are_of_one_scene(noisy):
+    """Two membranes, each with a thickness of its own: what would be measured of one knows nothing of the other's."""
+    models = {name: sg.shell.Free(shell(150 * kPa)) for name in ("one", "two")}
+    tied = dataclasses.replace(MU, name="one.shell.material.mu = two.shell.material.mu")
+    own = [dataclasses.replace(THICKNESS, name=f"{name}.shell.t_m") for name in models]
+    curves = [dataclasses.replace(free_curve(noisy), name=name, model=name) for name in models]
+    found = calibrate(Fitting(models, [tied, *own], curves), starts=1)
+    plane = next(rows for words, rows in candidates(found) if "plane" in words)
+    assert plane.shape[1] == 3
+    assert np.all(plane[:, :2] != 0)
+    np.testing.assert_array_equal(plane[:, 2], 0)
 
 
 def test_further_measurements_are_by_the_laws_that_were_fitted():

@@ -202,6 +202,7 @@ HEADER = "p,h\n"
         (HEADER + "5,7\n6,inf\n7,9\n", "line 3: h is 'inf'; it must be a finite number"),
         (HEADER + "5,7\n6,1e300\n7,9\n", "line 3: h is '1e300'; it must be a finite number below 1e+30"),
         ("p;h\n5;7,5\n6;8\n", "line 2: h is '7,5'; it must be a finite number; write decimals with a point"),
+        ("p;h\n5;1_0\n6;8\n", "line 2: h is '1_0'; it must be a finite number."),
         ("p,h\n2,5,5,794\n", "line 2: there are 4 cells, and the header has 2; write decimals with a point"),
         (HEADER + "10,-3\n12,-4\n13,-5\n", "inflation has the other sign than the model's at the values as given"),
         ("pressure,h\n5,7\n", "there is no header line with the columns 'p' and 'h'"),

@@ -55,7 +55,7 @@ def measured(problem):
     """Every point with its steps for central differences, in one batch."""
     step = 1e-5
     points = [np.array(p) + step * k * e for p in (GOOD, WEAK, THIN, WRONG) for k in (0, 1, -1) for e in np.eye(3)]
-    found, slopes = problem.compiled(jnp.array(points))
+    found, slopes = problem.measured_with_slopes(jnp.array(points))
     shape = (4, 3, 3)  # point, step, variable
 
     def numeric(values):
@@ -254,11 +254,20 @@ class Unsure(sg.shell.Free):
         return OnlyThick()
 
 
+def test_a_problem_may_be_asked_within_a_jitted_function_first():
+    """Which rules are held is told by numbers, and was asked of traced ones."""
+    space = Space({"held": sg.pneunet.Linear(sg.PneuNet.table_5_1("A"))}, [Variable("finger.a", 4 * mm, 7 * mm)])
+    problem = Problem(space, [Goal("maximise", Quantity("tip_force", 3 * kPa))])
+    found = jax.eval_shape(problem.measure, jnp.array([0.5]))
+    assert found.values.shape == (len(problem.measured.quantities),)
+    assert "mould_range" in {rule.rule for rule in problem.rules}
+
+
 def test_what_is_not_known_keeps_no_constraint():
     space = Space({"free": Unsure(shell(), no_key=())}, [Variable("shell.t_m", 0.8 * mm, 1.8 * mm)])
     goals = [Goal("maximise", Quantity("inflation", 10 * kPa))]
     wanted = Problem(space, goals, [Limits(Quantity("limit_margin", 10 * kPa), low=1.2)])
-    found, slopes = wanted.compiled(jnp.array([[0.1], [0.4]]))
+    found, slopes = wanted.measured_with_slopes(jnp.array([[0.1], [0.4]]))
     assert [Status(int(s)) for s in found.statuses[:, 0]] == [Status.OK, Status.OK]
     assert float(found.shortfall[0]) > 0
     assert float(slopes.shortfall[0, 0]) < 0, "the way back is towards the start"

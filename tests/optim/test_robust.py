@@ -419,6 +419,8 @@ def test_a_stopped_improvement_keeps_the_nominal_designs(tmp_path, monkeypatch):
     assert result["stopped"]
     assert result["best"]["feasible"]
     assert "robust" not in result
+    # Its steps were all made.
+    assert "# The search was stopped after the nominal search." in (tmp_path / "run" / "best.toml").read_text()
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ from softgrip_jax.commands import sweep as sweeps
 from softgrip_jax.config import ConfigError
 from softgrip_jax.folders import new_folder
 from softgrip_jax.results import Status
+from softgrip_jax.units import kPa, mm
 
 FILES = {
     "config.toml",
@@ -341,6 +342,17 @@ def test_of_several_scenes_the_next_command_names_one(goal, command, tmp_path, c
     words = shlex.split(capfd.readouterr().out.partition("Next: softgrip ")[2])
     assert words == [command, str(folder / "out" / "best.toml"), "--scene", "plane"]
     assert run(words) == 0
+
+
+def test_what_is_asked_next_is_a_loaded_state():
+    """A rule at rest, in a constraint, was taken for the state that the search asked first."""
+    free = sg.pneunet.Free(sg.PneuNet.table_5_1("A"))
+    space = optim.Space({"free": free}, [optim.Variable("finger.a", 4 * mm, 7 * mm)])
+    goals = [optim.Goal("maximise", optim.Quantity("limit_pressure"))]
+    at_rest = optim.Limits(optim.Quantity("margins.walls_fit"), low=0.1 * mm)
+    loaded = optim.Limits(optim.Quantity("tip_angle", 5 * kPa), high=1.0)
+    assert settings.asked_first(optim.Problem(space, goals, [at_rest, loaded])) == ("free", 5 * kPa)
+    assert settings.asked_first(optim.Problem(space, goals, [at_rest])) == ("free", None)
 
 
 def test_scenes_are_written_in_the_order_of_the_config_with_what_belongs_to_the_part(tmp_path):

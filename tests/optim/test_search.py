@@ -141,7 +141,7 @@ def test_a_finger_is_solved_from_the_nearest_one(tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_beyond_a_limit_point_a_finger_says_how_far():
-    """From the limit points of others, as `Problem.compiled` says it with derivatives of the whole way."""
+    """From the limit points of others, as `Problem.measured_with_slopes` says it with derivatives of the whole way."""
     finger = sg.PneuNet(**{k: v * mm for k, v in SIZES.items()}, material=MATERIALS["neo"]())
     held = sg.pneunet.TipContact(finger, points=6)
     space = Space({"held": held}, [Variable("finger.a", 4.5 * mm, 5.5 * mm), Variable("finger.H", 4 * mm, 5 * mm)])
@@ -151,7 +151,7 @@ def test_beyond_a_limit_point_a_finger_says_how_far():
     found = evaluate(t)
     t = t + 0.01
     found = evaluate(t)  # now from limit points of before
-    whole, slopes = jax.tree.map(np.asarray, problem.compiled(t))
+    whole, slopes = jax.tree.map(np.asarray, problem.measured_with_slopes(t))
     lost = whole.shortfall > 0
     assert 0 < np.sum(lost) < len(t)
     np.testing.assert_array_equal(found.shortfall > 0, lost)

@@ -14,7 +14,7 @@ from optim.calibration.data import Column, Curve, read_columns
 from optim.calibration.fit import _other_minima, calibrate
 from optim.calibration.model import Fitted, Fitting
 from optim.calibration.report import examine
-from optim.tension.compare import TEST, compare, neo_hookean_windows
+from optim.tension.compare import STRIP, compare, neo_hookean_windows
 from optim.tension.run import beyond_the_data, read, verdicts
 from optim.tension.test import CANDIDATES, Tension, candidate, softening
 from softgrip_jax.cli import MISTAKE, STOPPED, run
@@ -147,7 +147,7 @@ def test_every_material_is_fitted_to_a_soft_and_noisy_test(name, kind):
     data = soft(kind)
     assert data.y.min() < 0
     tried = candidate(name, data.x, data.y)
-    fit = calibrate(Fitting({TEST: Tension(tried.start)}, tried.variables, [data]), FEW, canonical=tried.canonical)
+    fit = calibrate(Fitting({STRIP: Tension(tried.start)}, tried.variables, [data]), FEW, canonical=tried.canonical)
     assert np.all(np.isfinite(fit.x))
     np.testing.assert_allclose(closed_form(name, fit.x, data.x) - data.y, fit.errors, atol=1e-6 * data.size)
     space = fit.fitting.space
@@ -173,7 +173,7 @@ def test_every_material_is_fitted_to_a_soft_and_noisy_test(name, kind):
 def test_starts_none_of_which_has_settled_are_compared():
     """Two terms do not describe a test better than one: all starts end on the floor of a valley, and none settles."""
     tried = candidate("Ogden2", STRAIN, RISE)
-    fitting = Fitting({TEST: Tension(tried.start)}, tried.variables, [curve(RISE * 1e4)])
+    fitting = Fitting({STRIP: Tension(tried.start)}, tried.variables, [curve(RISE * 1e4)])
 
     def ended(*x, cost=(1.0, 1.0), verified=False):
         x = np.array(x)
@@ -216,7 +216,7 @@ def test_a_strong_correlation_is_said_in_place_of_a_verdict():
     """C1 and C2 of one tension test: their correlation is that of the linear model's normal equations."""
     stress = 2 * (4e4 + 1e4 / STRETCH) * RISE * (1 + 0.01 * np.random.default_rng(1).normal(size=40))
     tried = candidate("MooneyRivlin", STRAIN, stress)
-    fit = calibrate(Fitting({TEST: Tension(tried.start)}, tried.variables, [curve(stress)]), 1)
+    fit = calibrate(Fitting({STRIP: Tension(tried.start)}, tried.variables, [curve(stress)]), 1)
     inverse = np.linalg.inv(np.stack([2 * RISE, 2 * RISE / STRETCH]) @ np.stack([2 * RISE, 2 * RISE / STRETCH]).T)
     correlation = inverse[0, 1] / np.sqrt(inverse[0, 0] * inverse[1, 1])
     assert correlation < -0.95
@@ -224,7 +224,7 @@ def test_a_strong_correlation_is_said_in_place_of_a_verdict():
     assert any(f"strongly correlated ({correlation:+.3f})" in sentence for sentence in remarks)
     assert not any("determine every parameter" in sentence for sentence in remarks)
     few = Fitting(
-        {TEST: Tension(sg.NeoHookean(mu=1e5))}, candidate("NeoHookean", STRAIN, stress).variables, [curve(stress)]
+        {STRIP: Tension(sg.NeoHookean(mu=1e5))}, candidate("NeoHookean", STRAIN, stress).variables, [curve(stress)]
     )
     assert "The data determine the parameter." in examine(calibrate(few, 1), ["gauss_newton"], 100, 0).remarks
 

@@ -12,17 +12,20 @@ from helpers import shell
 from typer.testing import CliRunner
 
 import softgrip_jax as sg
+from optim.calibration import report as rival_fits
 from optim.calibration.drives import Rival
+from optim.calibration.run import _other
 from optim.design import settings
 from optim.design.descent import Evaluator
-from optim.drives import BELOW_LIMIT, SUFFIX, by_both_drives, by_other_drive, other_drive
+from optim.drives import BELOW_LIMIT, SUFFIX, OtherDrive, by_both_drives, by_other_drive, other_drive
 from optim.problem import Goal, Limits, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.cli import app, run
 from softgrip_jax.commands import asked
 from softgrip_jax.errors import InputError
-from softgrip_jax.pneunet.drives import remarks, with_other_drive
+from softgrip_jax.pneunet.drives import OTHER, remarks, with_other_drive
+from softgrip_jax.quantities import Observed, QuantitySet
 from softgrip_jax.units import kPa, mm
 
 CONFIG = """
@@ -195,6 +198,28 @@ def test_designs_without_a_state_are_compared_at_a_lower_pressure():
     assert f"{quantity.at / kPa:g} kPa, drive cell" in beside.rows(Problem(space, [Goal("maximise", force)]))[1][0]
 
 
+def test_two_pressures_that_come_down_to_the_same_one():
+    """A finished search was lost by that: what is asked at both is asked there once."""
+    space = Space({"held": held()}, [Variable("finger.H", 3 * mm, 6 * mm)])
+    forces = [Quantity("tip_force", at * kPa, "held") for at in (30, 31)]
+    problem = Problem(space, [Goal("maximise", force) for force in forces])
+    limit = 22.7 * kPa
+
+    def answers(rows, pressures):
+        """A force of a tenth of the pressure (kPa), up to the limit."""
+        given = np.broadcast_to(pressures, (len(rows), 2))
+        there = given < limit
+        status = np.where(there, int(sg.Status.OK), int(sg.Status.BEYOND_LIMIT))
+        return Observed(np.where(there, given / 1e4, np.nan), status, 0 * status, np.where(there, np.nan, limit))
+
+    asked_for = QuantitySet(space.scenes, forces)
+    other = OtherDrive({"held": with_other_drive(held())}, asked_for, np.array([30, 31]) * kPa, answers, 2)
+    beside = by_other_drive(problem, [np.array([5 * mm]), np.array([4 * mm])], other)
+    assert [q.at for q in beside.quantities] == [30 * kPa, 31 * kPa, 22 * kPa]
+    np.testing.assert_array_equal(beside.values, 2 * [[np.nan, np.nan, 2.2]])
+    assert [len(reasons) for reasons in beside.reasons] == [2, 2]
+
+
 def test_both_drives_double_the_scenes_and_the_constraints(problem):
     space, limits, reported = by_both_drives(problem.space, problem.goals, problem.limits)
     assert [scene.drive for scene in space.scenes.values()] == ["thesis", "cell"]
@@ -294,6 +319,31 @@ def test_curves_without_a_state_speak_against_a_drive():
     assert rival(-np.inf, 0.0).better == "cell"
     assert rival(-np.inf, -np.inf).better is None
     assert rival(1.0, 1.5).better is None
+
+
+def test_a_fit_without_a_state_is_json():
+    """It was NaN, which JSON does not have."""
+    other = SimpleNamespace(
+        rmse=lambda k: [np.nan, 0.5][k],
+        x=np.array([1.0]),
+        fitting=SimpleNamespace(curves=[SimpleNamespace(name="lost"), SimpleNamespace(name="free")]),
+    )
+    rival = Rival((other, other), ("thesis", "cell"), (0.0, -np.inf))
+    found = _other(rival, lambda x: {"mu": x[0]})
+    assert found["rmse"] == {"lost": None, "free": 0.5}
+    assert found["log_likelihoods"] == [0.0, None]
+
+
+@pytest.mark.parametrize("drive", ["thesis", "cell", "small_strain"])
+def test_a_fit_tells_of_its_own_drive_and_the_other_one(drive, monkeypatch):
+    fit = SimpleNamespace(fitting=SimpleNamespace(curves=[]))
+    rival = Rival((fit, fit), (drive, OTHER[drive]), (0.0, 0.0))
+    monkeypatch.setattr(rival_fits, "by_other_drive", lambda *_: rival)
+    monkeypatch.setattr(rival_fits.Rival, "sentence", lambda _: "They are equal.")
+    found = rival_fits.with_rival(rival_fits.Findings(fit, (), {}, None, (), ()), 1, 0)
+    assert found.remarks[0] == "They are equal."
+    assert f'"{drive}"' in found.remarks[1]
+    assert '"cell"' in found.remarks[1]
 
 
 def test_the_better_drive_is_said_in_words():

@@ -102,10 +102,19 @@ def test_what_cannot_be_moulded_has_an_answer_and_a_remark(tmp_path):
     )
 
 
-@pytest.mark.parametrize("drive", ["thesis", "small_strain"])
-def test_a_search_keeps_air_and_side_walls(drive):
+@pytest.mark.parametrize(
+    "scene",
+    [
+        sg.pneunet.Linear(A),
+        pytest.param(sg.pneunet.TipContact(A, inclination="none", points=6), marks=pytest.mark.slow),
+        pytest.param(
+            sg.pneunet.TipContact(A, drive="small_strain", inclination="none", points=6), marks=pytest.mark.slow
+        ),
+    ],
+    ids=["linear", "thesis", "small_strain"],
+)
+def test_a_search_keeps_air_and_side_walls(scene):
     """It would take all of both: a wider and longer chamber pushes more."""
-    scene = sg.pneunet.TipContact(A, drive=drive, inclination="none", points=6)
     bounds = {"b": (5, 15), "h_L": (1, 8), "a": (2, 12), "t_m": (0.5, 3)}
     space = Space({"held": scene}, [Variable(f"finger.{k}", *(v * mm for v in ends)) for k, ends in bounds.items()])
     problem = Problem(space, [Goal("maximise", Quantity("tip_force", 3 * kPa))])
@@ -577,19 +586,19 @@ def test_free_fingers_curl_by_one_turn_at_most_where_a_search_may_choose():
     assert best.values[0] == pytest.approx(2 * np.pi, rel=1e-5)
 
 
-def test_chambers_of_one_segment_are_asked_like_those_of_a_uniform_finger():
+@pytest.mark.parametrize("count", [2, pytest.param(12, marks=pytest.mark.slow)])
+def test_chambers_of_one_segment_are_asked_like_those_of_a_uniform_finger(count):
     """Two segments of six chambers each had one gap alone, between the two."""
     short = finger(h_x=0.75, t_m=1.5, h_L=4.5, L=72)
     scene = sg.pneunet.TipContact(short, inclination="none", ignored_rules=("chambers_apart",))
     uniform = sg.solve(scene, 31 * kPa)
     whole = chambers_apart(uniform, TYPE_A | {"h_x": 0.75, "h_L": 4.5, "L": 72.0})
-    for count in (2, 12):
-        listed = dataclasses.replace(short, h_x=np.full(count, 0.75 * mm))
-        assert len(chamber_places(listed)) == 12
-        found = sg.solve(dataclasses.replace(scene, finger=listed), 31 * kPa)
-        np.testing.assert_allclose(found.tip_force, uniform.tip_force, rtol=1e-6)
-        np.testing.assert_allclose(found.margins["chambers_apart"] / mm, whole, atol=0.06)
-        np.testing.assert_allclose(found.margins["chambers_apart"], uniform.margins["chambers_apart"], atol=0.04 * mm)
+    listed = dataclasses.replace(short, h_x=np.full(count, 0.75 * mm))
+    assert len(chamber_places(listed)) == 12
+    found = sg.solve(dataclasses.replace(scene, finger=listed), 31 * kPa)
+    np.testing.assert_allclose(found.tip_force, uniform.tip_force, rtol=1e-6)
+    np.testing.assert_allclose(found.margins["chambers_apart"] / mm, whole, atol=0.06)
+    np.testing.assert_allclose(found.margins["chambers_apart"], uniform.margins["chambers_apart"], atol=0.04 * mm)
 
 
 def test_chambers_of_segments_stand_where_a_mould_has_them():
