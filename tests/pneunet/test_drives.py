@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 import softgrip_jax as sg
 from optim.calibration import report as rival_fits
 from optim.calibration.drives import Rival
+from optim.calibration.fit import Fit
 from optim.calibration.run import _other
 from optim.design import settings
 from optim.design.descent import Evaluator
@@ -336,7 +337,7 @@ def test_a_fit_without_a_state_is_json():
 
 @pytest.mark.parametrize("drive", ["thesis", "cell", "small_strain"])
 def test_a_fit_tells_of_its_own_drive_and_the_other_one(drive, monkeypatch):
-    fit = SimpleNamespace(fitting=SimpleNamespace(curves=[]))
+    fit = object.__new__(Fit)  # nothing of it is asked
     rival = Rival((fit, fit), (drive, OTHER[drive]), (0.0, 0.0))
     monkeypatch.setattr(rival_fits, "by_other_drive", lambda *_: rival)
     monkeypatch.setattr(rival_fits.Rival, "sentence", lambda _: "They are equal.")
