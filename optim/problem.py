@@ -141,7 +141,8 @@ class Goal:
         if isinstance(self.kind, str) and self.kind not in KINDS:
             raise InputError(f"A goal of kind {self.kind!r} is not known; use 'minimise', 'maximise' or 'reach'.")
         if self.how.has_target != (self.target is not None):
-            raise InputError(f"The goal for {self.quantity.label()}: 'reach' needs a target, the others have none.")
+            needs = "needs a target" if self.how.has_target else "takes no target; leave it out"
+            raise InputError(f"The goal for {self.quantity.label()}: {self.how.name!r} {needs}.")
         if self.target is not None and not np.isfinite(self.target):
             raise InputError(f"The target for {self.quantity.label()} is {self.target}; it must be a finite number.")
         if not (np.isfinite(self.weight) and self.weight >= 0):

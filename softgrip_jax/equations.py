@@ -151,6 +151,10 @@ class PathEquations(eqx.Module):
         """The state at a pressure where it needs no path, in closed form or as scalar roots; None where it does."""
         return None
 
+    def explicit_limit(self) -> Found | None:
+        """The end of the branch, as a solver's `find_limit` has it, where it needs no path; None where it does."""
+        return None
+
     def is_lightly_loaded(self) -> Bool[Array, ""] | None:
         """Whether Newton's method is tried from rest, before the path is followed; None where it never is."""
         return None

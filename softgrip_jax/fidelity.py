@@ -222,6 +222,10 @@ def choose(
         raise InputError(f"scene is {scene!r}; it must be a Scene, for instance sg.shell.Free(...).")
     if isinstance(pressure, Tracer) or np.ndim(pressure) > 0:
         raise InputError("choose compares numbers: it takes one known pressure, outside of jit and vmap.")
+    if pressure is not None and target:
+        raise InputError(f"choose got a pressure and a target ({', '.join(target)}); it takes one of them.")
+    if isinstance(tolerance, Tracer) or np.ndim(tolerance) > 0:
+        raise InputError("choose takes one tolerance, a number.")
     tolerance = float(require("tolerance", tolerance, "positive", "number"))
     name = _observable(scene, observable, pressure is None)
     ladder = model_ladder(scene, [*target, name])

@@ -51,9 +51,8 @@ def to_float_array(value: Any) -> Any:
     """Numbers, arrays and lists of numbers become float arrays; anything else is left for the check to name."""
     listed = isinstance(value, list | tuple) and len(value) > 0 and all(_is_number(v) for v in value)
     if listed or _is_number(value):
-        dtype = jnp.result_type(value) if isinstance(value, jax.Array | np.ndarray) else float
         # A type that is named is not weak: a scene made of Python numbers and one made of arrays share one program.
-        return jnp.asarray(value, dtype=dtype if jnp.issubdtype(dtype, jnp.inexact) else float)
+        return jnp.asarray(value, dtype=float)
     return value
 
 

@@ -182,6 +182,8 @@ def require_range(name: str, low: float, high: float, scale: str) -> None:
     """A ValueError in one sentence for bounds that cannot be meant."""
     if scale not in SCALES:
         raise InputError(f"The scale of variable {name!r} is {scale!r}; it must be 'linear' or 'log'.")
+    if any(end is None or isinstance(end, str) or np.ndim(end) for end in (low, high)):
+        raise InputError(f"The bounds of {name!r} are {low!r} and {high!r}; they must be numbers.")
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise InputError(f"The bounds of {name!r} are {low} and {high}; low must be below high.")
     if scale == "log" and low <= 0:

@@ -323,6 +323,8 @@ def named(quantity: Quantity, scenes: Scenes) -> Quantity:
     at = quantity.at
     if isinstance(at, str) and at != REQUIRED:
         raise InputError(f"{quantity.label()}: the state must be a pressure, {REQUIRED!r} or an observable's value.")
+    if isinstance(at, int | float) and not 0 <= at < np.inf:
+        raise InputError(f"{quantity.label()}: the pressure must be a finite number, zero or more (Pa).")
     if isinstance(at, tuple):
         kinds = scenes[quantity.scene].prepared().OBSERVABLES
         return dataclasses.replace(quantity, at_kind=kinds.get(at[0], "number"))

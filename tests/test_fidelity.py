@@ -15,6 +15,7 @@ from helpers import ROD, shell
 import softgrip_jax as sg
 from softgrip_jax import fidelity
 from softgrip_jax.cli import run
+from softgrip_jax.errors import InputError
 from softgrip_jax.units import kPa, mm
 
 OK = int(sg.Status.OK)
@@ -215,3 +216,9 @@ def test_ladders_of_every_kind_are_ordered_and_complete():
     assert [r.numerics.split(" poly")[0] for r in energy[1:]] == ["2 x 3", "3 x 4", "4 x 6", "5 x 8"]
     assert energy[0].scene.model == "arc"
     assert len(fidelity.model_ladder(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1
+
+
+def test_a_pressure_and_a_target_are_two_questions():
+    """The target had no part in the answer."""
+    with pytest.raises(InputError, match="got a pressure and a target"):
+        fidelity.choose(sg.shell.Free(shell()), 10 * kPa, inflation=5 * mm)

@@ -61,6 +61,8 @@ PART_OF_TOLERANCE = 0.01
 """Of the tolerance of adaptive steps: what may be left of the equations of shooting; rounding grows on the way."""
 SURE = 1e-3
 """Of equal steps: what their error estimates may add up to, as much as ROUGH leaves of the tip force."""
+LEAST_GAP = 1e-9
+"""Of h_x over h_L, where the moment of chambers is taken without the root of (4.39)."""
 INCLINATION_PARTS = 13
 """Parts of a uniform finger that each keep their own inclination: the thesis's finger has 12.8 chambers."""
 
@@ -507,13 +509,15 @@ class FingerScene(PathEquations, Scene):
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
         walls = self.walls()
+        as_given = self.moment_spread == "root" or isinstance(self.drive, WallModel)
+        if not as_given:  # the share that is divided by vanishes with the gap
+            finger = dataclasses.replace(finger, h_x=larger(finger.h_x, LEAST_GAP * finger.h_L))
         if walls is None:
             moment = end_moment(finger, pressure, inclination)
         else:
             moment = walls.end_moment(finger, pressure, inclination)
             moment = jnp.where(pressure <= walls.largest_pressure(finger), moment, jnp.nan)
         moment = moment / finger.moment_scale()
-        as_given = self.moment_spread == "root" or isinstance(self.drive, WallModel)
         return moment if as_given else moment / gap_share(finger)
 
     def pressure_span(self):

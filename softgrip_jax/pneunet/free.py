@@ -13,7 +13,7 @@ from ..membrane import arc_chain
 from ..numerics.choice import larger, largest
 from ..reasons import Reason
 from . import arcs
-from .beam.collocation import Loads
+from .beam.collocation import Loads, Part
 from .beam.method import POINTS, BeamMethod, beam_method
 from .beam.shooting import Shooting
 from .finger import PneuNet
@@ -84,6 +84,12 @@ class Free(FingerScene):
                 '"sum".'
             )
 
+        if self.combination == "larger" and self.tip_load is not None:
+            raise InputError(
+                'Free.combination is "larger", the thesis\'s rule for chambers and weight; leave out tip_load, or take '
+                '"sum".'
+            )
+
     def is_arcs(self):
         if self.is_cell():
             return False
@@ -119,7 +125,8 @@ class Free(FingerScene):
         return jnp.all(jnp.stack(given)) if given else jnp.asarray(True)
 
     def unloaded_state(self):
-        return jnp.zeros_like(self.chambers()[0].low) if self.is_arcs() else self.straight()
+        parts, _ = self.chambers()
+        return self.ruled(jnp.zeros_like(parts.low), parts) if self.is_arcs() else self.straight()
 
     def residual_and_observables(self, unknowns, load_factor, pressure):
         if self.is_arcs():
@@ -178,18 +185,28 @@ class Free(FingerScene):
         """The moments of all parts at given inclinations, in units of EI/L."""
         unit = self.finger.H / self.finger.L / 3
         pushes = jax.vmap(self.push, in_axes=(0, None, 0))(chamber, pressure, inclination) / unit
-        if self.combination == "sum":
+        return self.ruled(pushes, self.chambers()[0])
+
+    def ruled(self, pushes: Array, parts: Part) -> Array:
+        """The moments of all parts from those of their chambers; by the thesis's rule of the weight, where larger."""
+        if self.combination == "sum" or self.weight is None:
             return pushes
-        parts, _ = self.chambers()
         lever = (1 - 0.5 * (parts.low + parts.high)) * self.finger.L
-        hanging = 0.5 * self.weight[1] * lever**2 if self.weight is not None else jnp.zeros_like(lever)
-        return larger(pushes, -hanging / (unit * self.finger.moment_scale()))
+        hanging = -0.5 * self.weight[1] * lever**2
+        return larger(pushes, hanging * self.finger.L / self.stiffness())
 
     def explicit(self, pressure):
         # Where the inclination couples, the moment of one arc may have a largest pressure: it is followed up to there.
-        if not self.is_arcs() or (self.is_one_arc() and self.finger.segments is None and self.inclines()):
+        if not self.is_arcs() or (self.is_alone() and self.inclines()):
             return None
         return arcs.found(self, pressure)
+
+    def explicit_limit(self):
+        return arcs.limit(self) if self.is_arcs() and not self.is_alone() else None
+
+    def is_alone(self) -> bool:
+        """True where the whole finger is one arc."""
+        return self.is_one_arc() and self.finger.segments is None
 
     def arcs(self, turned: Array, stretch: Array, lengths: Array, n: int) -> tuple[Array, Array]:
         """x, y (m) of n points on the chain of arcs."""

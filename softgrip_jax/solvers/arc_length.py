@@ -119,6 +119,9 @@ class ArcLength(BranchSolver):
 
     def find_limit(self, scene):
         """As `Found`; its reason says which end it is, and is none for the end of the actuator's own model."""
+        known = scene.explicit_limit()
+        if known is not None:
+            return known
         span = scene.pressure_span()
         start, way, last, before = begun(start_of(scene, span), span), span, span.last(), None
         if scene.grows_together():

@@ -1,5 +1,6 @@
 """Every mistake of a user is told in one sentence that says where, what was found and what is allowed."""
 
+import dataclasses
 import re
 import subprocess
 import sys
@@ -543,3 +544,13 @@ def test_goals_may_be_spelt_in_two_ways(british, other, tmp_path):
     assert goals[0] == goals[1]
     assert goals[0].kind == british
     assert Goal(other, goals[0].quantity) == goals[0]
+
+
+def test_numbers_of_32_bits_are_numbers():
+    """JAX stopped at one of them, in a loop whose parts "must have equal types"."""
+    wide, narrow = (
+        dataclasses.replace(sg.PneuNet.table_5_1("A"), a=jnp.asarray(5e-3, kind)) for kind in (float, "float32")
+    )
+    assert narrow.a.dtype == wide.a.dtype
+    expected = sg.solve(sg.pneunet.Linear(wide), 25e3).tip_force
+    np.testing.assert_allclose(sg.solve(sg.pneunet.Linear(narrow), 25e3).tip_force, expected, rtol=1e-6)

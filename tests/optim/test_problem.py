@@ -10,7 +10,7 @@ import pytest
 from helpers import ROD, shell
 
 import softgrip_jax as sg
-from optim.problem import NEAR_LIMIT, Goal, Limits, Problem, Quantity, Scaling
+from optim.problem import NEAR_LIMIT, Goal, GoalKind, Limits, Problem, Quantity, Scaling
 from optim.space import Space, Variable
 from softgrip_jax.commands import programs
 from softgrip_jax.results import Status
@@ -222,6 +222,13 @@ def _make(goals, limits=()):
         ),
         (lambda: _make([Goal("minimise", Quantity("force", None, "lift"))]), "needs a state"),
         (lambda: _make([Goal("minimise", Quantity("force", "soon", "lift"))]), "the state must be a pressure"),
+        (lambda: _make([Goal("minimise", Quantity("force", -1.0, "lift"))]), "must be a finite number, zero or more"),
+        (lambda: _make([Goal("minimise", Quantity("force", np.nan, "lift"))]), "the pressure must be a finite number"),
+        (
+            lambda: Goal(GoalKind("near", lambda *_: 0.0, has_target=True), Quantity("force", 1e3, "lift")),
+            "'near' needs a target",
+        ),
+        (lambda: Goal("minimise", Quantity("force", 1e3, "lift"), target=1.0), "'minimise' takes no target"),
         (
             lambda: _make([Goal("minimise", Quantity("force", 1e3, "lift"))], [Limits(Quantity("force", 1e3, "lift"))]),
             "has no bound",

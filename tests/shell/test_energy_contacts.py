@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +11,7 @@ from helpers import shell
 from scipy.integrate import trapezoid
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 from softgrip_jax.shell.energy.basis import at_points
 from softgrip_jax.shell.energy.resting import HALF_SIDE, Resting, half_axis
@@ -148,3 +150,22 @@ def test_the_thesis_s_lever_is_for_ellipses():
         sg.pressure_for(grasp(), height=30 * mm)
     with pytest.raises(ValueError, match=r"needs Grasp\.mass > 0"):
         sg.pressure_for(grasp(mass=0.0))
+
+
+class Ball(sg.shell.obstacles.Obstacle):
+    """Over the middle, by a distance that is one or not."""
+
+    kind: str = eqx.field(static=True, default="signed")
+
+    def distance(self, place):
+        off = place - jnp.array([0.0, 0.0, 25 * mm])
+        signed = sg.shell.obstacles.length(off) - 20 * mm
+        return {"signed": signed, "twice": 2 * signed, "level set": off @ off - (20 * mm) ** 2}[self.kind]
+
+
+@pytest.mark.parametrize(("kind", "slope"), [("twice", "2"), ("level set", "0.04")])
+def test_an_object_of_ones_own_has_a_signed_distance(kind, slope):
+    """Contact pressed by a multiple of what it should, under OK."""
+    assert sg.shell.ObstacleContact(shell(), Ball()).obstacle == Ball()
+    with pytest.raises(InputError, match=rf"Ball.distance changes by {slope} m per metre at .* on its surface"):
+        sg.shell.ObstacleContact(shell(), Ball(kind))

@@ -27,6 +27,7 @@ from ..obstacles import Obstacle
 from . import maps
 from .basis import Grid, Vector
 from .functional import Functional, functional
+from .own_obstacle import require_distance
 from .symmetry import MIRRORS, SYMMETRIC, broken_symmetry, known_break, symmetry_of
 
 FACE = 17
@@ -59,6 +60,8 @@ class EnergyScene(Scene):
     lengthwise: int = count(default=6)
 
     def __check_init__(self) -> None:
+        if self.obstacle is not None:
+            require_distance(self)
         broken = known_break(self)
         if broken is not None and float(broken) > SYMMETRIC:
             name = type(self).__name__
