@@ -117,6 +117,10 @@ class Curve:
         """(label, value in SI) of the unit that the curve is shown in."""
         return DISPLAY[self.kind]
 
+    def share(self, error: float, of: str = "") -> str:
+        """An error in per cent of the largest value, ' (0.3 %)'; nothing of a curve of zeros."""
+        return f" ({error / self.size:.1%}{of})" if np.any(self.y) else ""
+
     @property
     def size(self) -> float:
         """The largest |y|: what a residual of this curve is compared with."""

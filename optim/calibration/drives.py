@@ -72,7 +72,7 @@ class Rival(NamedTuple):
             table.add_row(name, *values)
         for k, curve in enumerate(first.fitting.curves):
             errors = [fit.rmse(k) for fit in self.fits]
-            words = [f"{in_units(float(f'{e:.3g}'), curve.kind)} ({e / curve.size:.1%})" for e in errors]
+            words = [f"{in_units(float(f'{e:.3g}'), curve.kind)}{curve.share(e)}" for e in errors]
             table.add_row(f"RMS error of {curve.name}", *words)
         return table
 

@@ -168,7 +168,7 @@ def curve_table(findings: Findings) -> Table:
         used = int((fit.used & (fit.fitting.of_curve == k)).sum())
         sigma = f"{_short(float(fit.member.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()
         row = [curve.name, f"{used} of {len(curve.x)}" if curve.fit else "predicted", sigma if curve.fit else "-"]
-        row.append(f"{_short(fit.rmse(k), curve)} ({fit.rmse(k) / curve.size:.1%})")
+        row.append(f"{_short(fit.rmse(k), curve)}{curve.share(fit.rmse(k))}")
         if findings.held_out:
             without = findings.held_out.get(curve.name)
             row.append("-" if without is None else _short(without[1], curve))

@@ -241,7 +241,7 @@ class CalibrateTab:
         fit, curve = findings.fit, findings.fit.fitting.curves[0]
         used = f"{int(fit.used.sum())} of {len(curve.x)} points"
         error = in_units(float(f"{fit.rmse(0):.3g}"), curve.kind)
-        self._end(f"{used}; RMS error {error} ({fit.rmse(0) / curve.size:.1%} of the largest).")
+        self._end(f"{used}; RMS error {error}{curve.share(fit.rmse(0), ' of the largest')}.")
         self.use_button.disabled = False
         space = fit.fitting.space
         rows = []

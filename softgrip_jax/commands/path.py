@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import shlex
 import sys
+from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -80,7 +82,7 @@ def run_path(
                 raise ConfigError(f"{config}: this scene has no curve up to a limit pressure: {why_no_limit(asked)}.")
             if np.isinf(limit):
                 raise ConfigError(f"{config}: this scene has no limit pressure; say how far to go with --to-kPa.")
-            last = limit
+            last = limit if through_limit else just_below(limit)
         else:
             last = configs.read_numbers(to_kpa, "--to-kPa", "positive", "pressure", [""])
         if through_limit and limit is not None and limit <= last:
@@ -115,6 +117,8 @@ def run_path(
     if not good.any() and not stopped:
         print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
         return False
+    for sentence in lost(curve):
+        print(sentence, file=sys.stderr)
     if plot is not None and good.any():
         from ..plots import curve_of
 
@@ -205,6 +209,8 @@ def page_of(curve: Solution, shown: str, limit: float | None, config: Path, comm
         return report_of_curve(found, config, command, picture if picture.is_file() else None)
 
 
+DIGITS = 9
+"""Of the last pressure of a curve up to a limit, behind its first one."""
 CHUNK, MARKS = 16, 20
 """Pressures that are solved together between two looks at whether to go on, and how often there are such at most."""
 
@@ -230,6 +236,25 @@ def followed(scene: Any, pressures: Any, tell: Tell) -> tuple[Solution, bool]:
             raise
         stopped = True
     return jax.tree.map(lambda *x: np.concatenate(x), *parts), stopped
+
+
+def just_below(limit: float) -> float:
+    """A pressure of so many digits that a table shows it, at which there is still a state."""
+    rounded = float(f"{limit:.{DIGITS}e}")
+    unit = 10.0 ** (math.floor(math.log10(limit)) - DIGITS)
+    return rounded if rounded <= limit else float(f"{rounded - unit:.{DIGITS}e}")
+
+
+def lost(curve: Solution) -> list[str]:
+    """A sentence for each reason, but a limit, why pressures of a curve have no state: a picture is without them."""
+    from ..reasons import Reason
+    from ..results import Status
+
+    reasons = [Reason(int(r)) for r, s in zip(curve.reason, curve.status, strict=True) if s > Status.BEYOND_LIMIT]
+    return [
+        f"{count} of {len(curve.status)} pressures have no state: {reason.text()}."
+        for reason, count in Counter(reasons).items()
+    ]
 
 
 def from_pressure(curve: Solution, first: float) -> Solution:

@@ -284,7 +284,7 @@ def curve_of(scene: Scene, observable: str) -> CurveData:
             end = f"limit {float(limit) / kPa:.4g} kPa"
         elif last + 1 < len(status) and status[last + 1] > Status.NO_CONTACT:
             reason = Reason(int(np.asarray(branch.reason)[last + 1]))
-            end = f"{reason.name.lower()} from {pressure[last] / kPa:.4g} kPa"
+            end = f"{reason.name.lower()} between {pressure[last] / kPa:.4g} and {pressure[last + 1] / kPa:.4g} kPa"
     drawn = np.flatnonzero(shown)
     part = slice(drawn[0], drawn[-1] + 1) if len(drawn) else slice(0)
     pressure, value = (np.where(shown, column, np.nan)[part] for column in (pressure, value))

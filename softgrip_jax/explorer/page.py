@@ -208,6 +208,8 @@ class Page:
         if self.document is not None:
             pn.state.onload(self._loaded)
         self.controls: dict[str, Control] = {}
+        self.refused = ""
+        """Why what was given last is not asked; what comes meanwhile is of the state before."""
         self._unfilled: set[str] = set()
         self.views: list[View] = []
         self.told = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
@@ -373,9 +375,12 @@ class Page:
 
     def _done(self, control: Control, sentence: str) -> None:
         control.say(sentence)
+        self.refused = sentence
         if sentence:
             self._grey(True)
             self.say(sentence, True)
+            if self.session.good is not None:
+                self._show_rows(self.session.good, True)
         else:
             if control.key == PRESSURE and self.task.value:
                 self.task.value = False
@@ -429,6 +434,7 @@ class Page:
         for act in self.after_opening:
             act()
         self.title.object = f"<h1 style='font-size:20px;margin:4px 8px'>{escape(self.session.title())}</h1>"
+        self.refused = sentence
         if sentence:
             self.say(sentence, True)
             return
@@ -610,9 +616,9 @@ class Page:
                 part.styles = looks
 
     def _show_state(self, state: State) -> None:
-        self._grey(not state.ok)
+        self._grey(not state.ok or bool(self.refused))
         if not state.ok:
-            self.say(state.message, True)
+            self.say(self.refused or state.message, True)
             return
         if len(state.sections) != len(self.views) or not self.views or self._labels != _labels(state):
             self._labels = _labels(state)
@@ -626,25 +632,30 @@ class Page:
 
     def _show_words(self, state: State, question: Question, kind: str) -> None:
         """The numbers of the picture that is shown: of the last good one where this state is none."""
-        if state.ok:
+        if state.ok and not self.refused:
             self.say(f"{state.pressure / kPa:.5g} kPa{''.join(map(near_words, state.margins[:1]))}")
         if self.tabs.active == 0:
             self._show_pins()
+        self._show_code()
         shown = state if state.ok else self.session.good
         name, component, _ = self.session.observables[question.observable]
         if shown is None:
             return
-        of_last = "" if state.ok else f" of the last state, at {shown.pressure / kPa:.5g} kPa"
-        self.rows.object = table_html(
-            ["", f"value{of_last}", "model error"],
-            [[r.name.replace("_", " "), r.text, r.error] for r in shown.rows],
-            ("n", "", "e"),
-        )
+        self._show_rows(shown, not state.ok or bool(self.refused))
         value = float(part_of(shown.solution.observables, name, component))
         self.curve.show_state(shown.pressure, value, kind)
         if self.session.own_task and state.ok:
             number = self.session.numbers[PRESSURE].holding(state.pressure)
             self.controls[PRESSURE].show(number, state.pressure)
+
+    def _show_rows(self, shown: State, is_last: bool) -> None:
+        """The numbers of a state; is_last: which is not what is asked, but was the last."""
+        of_last = f" of the last state, at {shown.pressure / kPa:.5g} kPa" if is_last else ""
+        self.rows.object = table_html(
+            ["", f"value{of_last}", "model error"],
+            [[r.name.replace("_", " "), r.text, r.error] for r in shown.rows],
+            ("n", "", "e"),
+        )
 
     def _show_space(self) -> None:
         if self.session.good is None:

@@ -446,8 +446,8 @@ GAP, NONE = (sg.Status.IMPOSSIBLE, sg.Reason.CHAMBERS_APART), (sg.Status.OK, sg.
     ("states", "end"),
     [
         ([NONE, NONE, GAP, NONE, NONE, NONE], "limit 30 kPa"),
-        ([NONE, NONE, NONE, GAP, NONE, NONE], "X from 20 kPa"),
-        ([NONE, NONE, NONE, GAP, GAP, GAP], "X from 20 kPa"),
+        ([NONE, NONE, NONE, GAP, NONE, NONE], "X between 20 and 30 kPa"),
+        ([NONE, NONE, NONE, GAP, GAP, GAP], "X between 20 and 30 kPa"),
         ([NONE, NONE, NONE, NONE, GAP, NONE], "limit 30 kPa"),
     ],
 )
@@ -721,3 +721,32 @@ def test_a_cell_outside_of_its_law_s_range_says_so():
         assert said(dataclasses.replace(finger, a=9 * mm)) == (
             "; a dimension is 1.8 mm outside of what the cell law was fitted to"
         )
+
+
+def test_what_was_refused_stays_said_and_the_program_is_of_the_state_that_is_shown():
+    """An answer that was on its way took the sentence's place; the text of the tab Out stayed that of another state."""
+    from softgrip_jax.explorer.page import Control, Page
+
+    session, said, greys = Session(free(), 8 * kPa), [], []
+    answered(session)
+    page = object.__new__(Page)
+    page.session, page.refused, page.ask = session, "", lambda: None
+    page.say, page._grey = (lambda *words: said.append(words)), greys.append
+    page.rows, page.code = argparse.Namespace(object=""), argparse.Namespace(object="")
+    page.tabs, page.task = argparse.Namespace(active=1), argparse.Namespace(value=False)
+    page.curve = argparse.Namespace(show_state=lambda *place: None)
+    control = object.__new__(Control)
+    control.key, control.say = "shell.b_mm", lambda sentence: None
+    kind = session.observables[session.observable][2]
+    page._done(control, "shell.b_mm is 10; it must be larger.")
+    assert "value of the last state, at 8 kPa" in page.rows.object
+    page._show_words(session.good, session.question(), kind)
+    assert said == [("shell.b_mm is 10; it must be larger.", True)]
+    assert "pressure_kPa = 8" in page.code.object
+    session.type_in(PRESSURE, "9")
+    page._done(control, "")
+    answered(session)
+    page._show_words(session.good, session.question(), kind)
+    assert said[-1][0].startswith("9 kPa")
+    assert "pressure_kPa = 9" in page.code.object
+    assert "of the last state" not in page.rows.object

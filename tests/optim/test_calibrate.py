@@ -341,3 +341,9 @@ def test_numbers_of_objects_are_those_of_the_model_that_was_given():
     assert Status(int(sg.solve(scene, 12 * kPa).status)) is Status.OK
     fixed = Fitting({"contact": on_ball}, [Variable("shell.t_m", 1 * mm, 2 * mm)], [curve])
     assert fixed.space.scenes["contact"].symmetry == "both"  # which takes a quarter of the time
+
+
+def test_an_error_is_no_part_of_nothing():
+    """3.31 mm of a curve of zeros was 0.3 %: of a metre."""
+    assert free_curve(np.full(20, 10 * mm)).share(0.1 * mm) == " (1.0%)"
+    assert free_curve(np.zeros(20)).share(3.31 * mm) == ""

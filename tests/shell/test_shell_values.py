@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
+from softgrip_jax.model_error import PLANE, model_error
 from softgrip_jax.units import GRAVITY, degree, gram, kPa, mm
 
 NEO_175 = {"kind": ref.NEO, "mu": 175e3}
@@ -119,3 +120,19 @@ def test_plate_law_meets_the_finite_element_plate_at_low_pressure():
     plate = sg.solve(sg.shell.Plate(shell()), 2.5 * kPa)
     assert float(plate.inflation) / mm / 5.794 - 1 == pytest.approx(-0.07, abs=0.01)
     assert np.isinf(float(sg.limit_pressure(sg.shell.Plate(shell()))))
+
+
+def test_a_model_error_is_told_of_shells_like_that_of_the_finite_elements():
+    """Of a small and thick one it was off by 150 %, and "11 to 21 % less" stood beside it."""
+
+    def told(a=16, b=43, t_m=1.1, distance=5, material=None, model="arc"):
+        made = sg.FlatShell(a=a * mm, b=b * mm, t_m=t_m * mm, material=material or sg.NeoHookean(mu=175 * kPa))
+        return model_error(sg.shell.FlatContact(made, distance=distance * mm, model=model), "force")
+
+    assert told() == PLANE["arc"]
+    assert told(model="energy") == PLANE["energy"]
+    assert told(a=18, b=48, t_m=1.2, distance=6) == PLANE["arc"]
+    assert told(a=10, b=30, t_m=2.5, distance=2) == ""
+    assert told(distance=8) == ""
+    assert told(material=sg.Gent(mu=175 * kPa, j_m=1.0)) == ""
+    assert told(material=sg.NeoHookean(mu=400 * kPa)) == ""
