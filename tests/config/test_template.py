@@ -16,7 +16,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.commands import sensitivity, sweep
 from softgrip_jax.config.schema import schema
-from softgrip_jax.config.template import starter
+from softgrip_jax.config.template import PRESSURE, example, starter
 from softgrip_jax.errors import ConfigError
 from softgrip_jax.fields import documented, part, positive
 from softgrip_jax.scene import Scene
@@ -60,6 +60,18 @@ def test_what_is_in_comments_is_what_holds_without_it(name, tmp_path):
     assert full.read_text() != text
     scenes = [configs.load(file).scene for file in (plain, full)]
     assert configs.dump(scenes[0]) == configs.dump(scenes[1])
+
+
+@pytest.mark.parametrize(
+    "name", ["shell.InclinedContact", *(pytest.param(name, marks=pytest.mark.slow) for name in TYPES)]
+)
+def test_a_starter_has_an_answer(name):
+    """That of a plane that leans was touched at no less than 26 kPa, and asked at 15."""
+    scene = example(configs.classes_of((Scene,))[name])
+    if callable(getattr(scene, "target", None)) and "mass" in starter(name):
+        assert int(sg.pressure_for(scene).status) == sg.Status.OK
+    else:
+        assert int(sg.solve(scene, PRESSURE).status) == sg.Status.OK
 
 
 def test_words_of_fields_come_from_docstrings():
