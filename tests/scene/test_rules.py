@@ -28,6 +28,7 @@ from softgrip_jax.geometry.finger import chamber_places
 from softgrip_jax.pneunet.rules import after_chambers
 from softgrip_jax.quantities import Quantity, QuantitySet, all_rules
 from softgrip_jax.reasons import BROKEN, FIRST_RULE, Reason
+from softgrip_jax.scene import with_rules
 from softgrip_jax.shell.obstacles import Cylinder as Rod
 from softgrip_jax.shell.obstacles import Plane, Sphere
 from softgrip_jax.units import gram, kPa, mm
@@ -649,3 +650,15 @@ def test_solve_says_which_rule_is_broken_and_which_is_nearest(tmp_path, capsys):
     assert found["margins"]["walls_fit"] == pytest.approx(-1.8 * mm)
     assert run(["solve", str(broken)]) == NO_ANSWER
     assert "1.8 mm too thick" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_of_several_broken_rules_the_worst_is_told(turned):
+    """Whatever their order; a rule that forbids nothing, and one that is kept, are not."""
+    margins = [("walls_fit", -1e-3), ("chambers_apart", -2e-3), ("mould_range", -9e-3), ("one_segment", 1e-3)]
+    given = [(name, jnp.asarray(margin)) for name, margin in (margins[::-1] if turned else margins)]
+    solved = jnp.asarray(OK), jnp.asarray(0), jnp.asarray(jnp.nan)
+    status, reason, detail = with_rules(given, jnp.asarray(True), *solved)
+    assert (int(status), Reason(int(reason)), float(detail)) == (IMPOSSIBLE, Reason.CHAMBERS_APART, -2e-3)
+    status, reason, _ = with_rules(given, jnp.asarray(False), *solved)
+    assert (int(status), int(reason)) == (OK, 0)
