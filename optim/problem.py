@@ -449,7 +449,7 @@ class Problem:
             residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
             return residual, own.measure(scenes, solutions={state: solution}).values
 
-        return traced_once(equations)
+        return equations
 
     def _status_of(self, state: tuple[str, State], t: Float[Array, " n"], u: Array, is_root: Any) -> Array:
         """OK where u is a root that the scene's model covers."""
