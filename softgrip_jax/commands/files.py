@@ -27,6 +27,14 @@ def one_scene(config: Path, scene: str | None) -> Any:
     return read
 
 
+def require_picture(scene: Any, option: str) -> None:
+    """A ConfigError where nothing is drawn of a kind of scene: before it is solved."""
+    from ..plots import has_picture
+
+    if not has_picture(scene):
+        raise ConfigError(f"{option}: there is no picture of a {type(scene).__name__} yet.")
+
+
 def check_file(path: Path, option: str, endings: tuple[str, ...]) -> None:
     """A ConfigError where a file of these kinds cannot be written."""
     if path.suffix.lower() not in endings:

@@ -25,7 +25,7 @@ from ..folders import contents, new_folder, write_whole
 from ..progress import Tell, silent
 from ..report.inputs import keep_inputs
 from ..report.run import NAME
-from .files import PICTURES, check_file, one_scene, plain, tell_file
+from .files import PICTURES, check_file, one_scene, plain, require_picture, tell_file
 
 if TYPE_CHECKING:
     from ..results import Solution
@@ -65,10 +65,7 @@ def run_path(
             check_file(file, option, endings)
     asked = one_scene(config, scene).scene
     if animate is not None:
-        from ..plots import has_picture
-
-        if not has_picture(asked):
-            raise ConfigError(f"--animate: there is no picture of a {type(asked).__name__} yet.")
+        require_picture(asked, "--animate")
     shown = observable_of(asked, observable)
     aside = Console(stderr=True)
     stopped = False

@@ -19,7 +19,7 @@ from rich.console import Console
 from ..errors import CellRangeWarning, ConfigError, located
 from ..folders import write_whole
 from .asked import solving
-from .files import PICTURES, check_file, one_scene, plain, tell_file
+from .files import PICTURES, check_file, one_scene, plain, require_picture, tell_file
 from .programs import kept
 
 if TYPE_CHECKING:
@@ -46,6 +46,8 @@ def run_solve(
         raise ConfigError("--observable says whose error --tolerance is about; give --tolerance too.")
     allowed = _share(tolerance) if tolerance is not None else None
     read = one_scene(config, scene)
+    if plot is not None:
+        require_picture(read.scene, "--plot")
     if pressure_kpa is None:
         asked = configs.question(read)
     else:
@@ -91,9 +93,7 @@ def run_solve(
     if plot is not None:
         from ..plots import draw
 
-        with located("--plot"):  # a scene that nothing is drawn of
-            picture = draw(solution)
-        write_whole(plot, picture.savefig)
+        write_whole(plot, draw(solution).savefig)
         tell_file("The picture", plot, as_json)
     return True
 
