@@ -42,6 +42,29 @@ def test_equal_segments_are_a_uniform_finger_up_to_its_limit(short):
     np.testing.assert_allclose(two.detail[3], limit, rtol=1e-9)
 
 
+def test_parts_near_their_limit_are_the_first_roots_of_scipy():
+    """M = M_p(theta_s(M)) of each part, the least of two roots close to each other: at 0.997 of the limit."""
+    finger, pressure = segments(5, 5.2, L=30 * mm), 109.5 * kPa
+    stiffness, length = float(A.material.mu * A.B * A.H**3 / 3), 15 * mm
+    expected, seen = 0.0, []
+    for a in (5 * mm, 5.2 * mm):
+        one = dataclasses.replace(A, a=a)
+
+        def surplus(moment, one=one):
+            inclination = 0.5 * float(2 * A.h_x + A.h_L) * moment / stiffness
+            return moment - float(sg.pneunet.chamber(one, pressure, inclination=inclination).end_moment)
+
+        grid = np.linspace(0, 0.06, 121)
+        found = np.array([surplus(moment) for moment in grid])
+        seen.append(int(np.sum(np.diff(np.sign(found[np.isfinite(found)])) != 0)))
+        first = int(np.argmax(found > 0))
+        expected += brentq(surplus, grid[first - 1], grid[first], xtol=1e-15) * length / stiffness
+    state = sg.solve(sg.pneunet.Free(finger, weight=None, section="inextensible"), pressure)
+    assert int(state.status) == Status.OK, state.reason_text()
+    assert float(state.tip_angle) == pytest.approx(expected, rel=1e-7)
+    assert max(seen) == 2
+
+
 @pytest.mark.slow
 def test_the_first_part_to_end_sets_the_limit(short):
     """Its own dimensions alone move it, exactly; of equal parts the limit was NaN."""
