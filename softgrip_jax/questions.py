@@ -56,7 +56,7 @@ def _one_pressure(pressure: Any) -> Scalar:
 @traced_once
 def _solve_by(scene: Scene, pressure: Scalar, solver: Solver, guess: Array | None) -> Solution:
     fixed, at, near = frozen((scene, pressure, guess))
-    return scene._solution(solver.find(fixed, at, near)._replace(pressure=pressure))
+    return scene.solution_of(solver.find(fixed, at, near)._replace(pressure=pressure))
 
 
 @traced_once
@@ -66,7 +66,8 @@ def _contact_pressure(scene: Scene) -> Scalar:
 
 
 @traced_once
-def _limit_pressure(scene: Scene) -> Scalar:
+def pressure_at_limit(scene: Scene) -> Scalar:
+    """The program of `limit_pressure`, for what `to_limit` gives."""
     solver = scene.solver()
     return solver.limit_pressure_from(scene, frozen(solver.find_limit(frozen(scene))))
 
@@ -250,7 +251,7 @@ def limit_pressure(scene: Scene) -> Scalar:
         >>> print(f"{sg.limit_pressure(sg.shell.Free(shell)) / kPa:.4f} kPa")
         20.1756 kPa
     """
-    return _limit_pressure(to_limit(scene))
+    return pressure_at_limit(to_limit(scene))
 
 
 def to_limit(scene: Scene) -> Scene:
@@ -282,7 +283,7 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
         >>> print(f"{inflated.pressure / kPa:.3f} kPa")
         15.000 kPa
     """
-    return _pressure_for(*to_reach(scene, **target))
+    return equilibrium_reaching(*to_reach(scene, **target))
 
 
 def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
@@ -306,5 +307,6 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
 
 
 @partial(traced_once, static_argnames="name")
-def _pressure_for(scene: Scene, name: str, value: Scalar) -> Solution:
+def equilibrium_reaching(scene: Scene, name: str, value: Scalar) -> Solution:
+    """The program of `pressure_for`, for what `to_reach` gives."""
     return scene.solver().solve_for(scene, name, value)

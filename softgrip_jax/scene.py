@@ -241,18 +241,18 @@ class Scene(Checked):
         status = jnp.where(failed, Status.NOT_CONVERGED, found.status)
         return found._replace(status=status, residual=residual, evaluated=evaluated)
 
-    def _solution(self, found: Found) -> Solution:
+    def solution_of(self, found: Found) -> Solution:
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
         pressure = found.pressure
         found = self.verified(found)
         scene, pressure = stop_gradient_where_failed(found.status == Status.OK, (self, pressure))
-        return self._report(scene.with_implicit_derivative(found.unknowns, pressure), pressure, found)
+        return self.report_of(scene.with_implicit_derivative(found.unknowns, pressure), pressure, found)
 
     def with_implicit_derivative(self, unknowns: Array, pressure: Scalar) -> Array:
         """Unknowns that solve `residual`, with their derivatives by everything in the scene and by the pressure."""
         return implicit(lambda y, args: args[0].residual(y, args[1]), unknowns, (self, pressure))
 
-    def _report(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
+    def report_of(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a verified point; `unknowns` and `pressure` carry the derivatives."""
         assert found.evaluated is not None
         scene = stop_gradient_where_failed(found.status == Status.OK, self)
@@ -305,4 +305,4 @@ def frozen(tree: Any) -> Any:
 def equilibrium(scene: Scene, pressure: Scalar) -> Solution:
     """The state at a pressure by the scene's own solver."""
     fixed = frozen(scene)
-    return scene._solution(scene.solver().find(fixed, lax.stop_gradient(pressure), None)._replace(pressure=pressure))
+    return scene.solution_of(scene.solver().find(fixed, lax.stop_gradient(pressure), None)._replace(pressure=pressure))

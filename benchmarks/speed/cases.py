@@ -106,7 +106,7 @@ def value_of(case: Case) -> Callable[[Any, Any], jax.Array]:
 
     def value(scene, pressure):
         if case.pressure is None:
-            return questions._pressure_for.__wrapped__(scene, *scene.target()).pressure
+            return questions.equilibrium_reaching.__wrapped__(scene, *scene.target()).pressure
         return scene_module.equilibrium.__wrapped__(scene, pressure).observables[case.observable]
 
     return value

@@ -211,7 +211,7 @@ class Fitting:
         """All models at parameters x (SI)."""
         models = self.space.scenes_at(x)
         parts = []
-        answers = {name: _answers(models[name], at) for name, at in xs.items()}
+        answers = {name: answers_of(models[name], at) for name, at in xs.items()}
         for curve, place in zip(self.curves, self._places, strict=True):
             observed, ok, missing, share = answers[curve.model]
             values = observed[curve.quantity]
@@ -366,7 +366,7 @@ NO_STATE_MISFIT = 2.0
 """`missing` of a point whose scene cannot exist, or was not solved: more than any beyond a limit usually has."""
 
 
-def _answers(model: Scene | Tension, at: Array) -> tuple[dict[str, Array], Array, Array, Array]:
+def answers_of(model: Scene | Tension, at: Array) -> tuple[dict[str, Array], Array, Array, Array]:
     """(observables, ok, missing, share of the limit) of one model at its pressures or strains."""
     if isinstance(model, Tension):
         room = jax.vmap(model.bearable)(at)

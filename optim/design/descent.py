@@ -17,7 +17,7 @@ import dataclasses
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -144,6 +144,30 @@ class Memory:
         self._written += len(where)
 
 
+@runtime_checkable
+class SolvesDesigns(Protocol):
+    """What a search asks of whoever solves its designs, which are rows of unit values."""
+
+    home: np.ndarray
+    """Unit values towards which a design goes that knows no other way back to an answer."""
+    moving: np.ndarray | None
+    """During the descent, which of the starts the rows that are asked for belong to."""
+    solves: int
+    """How many designs were solved."""
+
+    def __call__(self, t: Any) -> Evaluated:
+        """The designs, with derivatives."""
+        ...
+
+    def solve(self, t: Any) -> Evaluated:
+        """The designs along the whole way from zero load, as `sg.solve` does it; without derivatives."""
+        ...
+
+    def solutions(self, t: np.ndarray) -> dict[tuple[str, State], list[Solution]]:
+        """The solved states of the designs, along the whole way from zero load."""
+        ...
+
+
 class Evaluator:
     """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves.
 
@@ -176,7 +200,7 @@ class Evaluator:
             return self._with_shortfalls(t)
         if not self.can_begin:
             self._prepare()
-            self._begin(t[:1])
+            self.begin(t[:1])
         found, left = cast(Any, None), np.arange(len(t))
 
         def answer(rows: np.ndarray, fresh: Evaluated) -> None:
@@ -185,21 +209,21 @@ class Evaluator:
 
         if self.can_begin:
             doubtful = self._is_doubtful(t)
-            fresh, left = self._nearby(t, doubtful)
+            fresh, left = self.nearby(t, doubtful)
             answer(np.arange(len(t)), fresh)
             left = left[self._lost(t, found, left)]
             again = left[doubtful[left]]
             if len(again):
-                fresh, still = self._nearby(t[again])
+                fresh, still = self.nearby(t[again])
                 answer(again, fresh)
                 left = np.setdiff1d(left, np.delete(again, still))
         if len(left) and any(len(limit.at) for limit in self.limits):
             left = self._limits_first(t, found, left)
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
-            self._begin(t[left])
+            self.begin(t[left])
             if found is not None or self.can_begin:
-                fresh, still = self._nearby(t[left])
+                fresh, still = self.nearby(t[left])
                 answer(left, fresh)
                 left = left[still]
         if len(left) and found is not None:
@@ -260,7 +284,7 @@ class Evaluator:
         for place, limit in enumerate(self.limits):
             of = asked[missing[:, place]]
             if len(of):
-                at, is_fold = self._in_chunks(partial(self.problem.ends, place=place), self.chunk, t[of])
+                at, is_fold = self.in_chunks(partial(self.problem.ends, place=place), self.chunk, t[of])
                 limit.remember(t[of], at, is_fold)
                 any_found |= bool(np.any(is_fold))
         return self._lost(t, found, rows) if any_found else np.arange(len(rows))
@@ -280,7 +304,7 @@ class Evaluator:
             nearest = limit.nearest(t[rows[of]])[0]
             start = jax.tree.map(lambda v, nearest=nearest: v[nearest], limit.places)
             program = partial(self.problem.all_lost_nearby, place=place)
-            by, by_t, at, good = self._in_chunks(program, self.nearby_chunk, t[rows[of]], start)
+            by, by_t, at, good = self.in_chunks(program, self.nearby_chunk, t[rows[of]], start)
             beyond = good & (by > 0)
             limit.remember(t[rows[of]], at, beyond)
             explained[of, place] = beyond
@@ -322,19 +346,19 @@ class Evaluator:
         )
 
     def _measured(self, t: np.ndarray) -> Any:
-        return self._in_chunks(partial(self.problem.measured_with_slopes, home=self.home), self.chunk, t)
+        return self.in_chunks(partial(self.problem.measured_with_slopes, home=self.home), self.chunk, t)
 
     def _solve(self, t: np.ndarray) -> Any:
-        return self._in_chunks(self.problem.solved, self.chunk, t)
+        return self.in_chunks(self.problem.solved, self.chunk, t)
 
-    def _begin(self, t: np.ndarray) -> None:
+    def begin(self, t: np.ndarray) -> None:
         """Get to know designs along the whole way from zero load."""
         found = self._solve(t)
         here = partial(Evaluator._run, self, self.problem.known)  # whoever solved it: it is a few zeros
         known = _in_calls(here, self.chunk, t, found.solutions)
         self._remember(t, known, ~self._missing(np.asarray(found.values), self.problem.followed))
 
-    def _nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
+    def nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
         """What is found from the designs that are known, and the rows that are not found so; those that are doubtful
         are tried once."""
         known, distance = self.starts(t)
@@ -342,7 +366,7 @@ class Evaluator:
         left, found = np.argsort(distance, kind="stable"), cast(Any, None)
         known = jax.tree.map(lambda v: v[left], known)
         for _ in range(ROUNDS):
-            measured, slopes, known = self._in_chunks(self.problem.solved_nearby, self.nearby_chunk, t[left], known)
+            measured, slopes, known = self.in_chunks(self.problem.solved_nearby, self.nearby_chunk, t[left], known)
             fresh = evaluated(measured, t.shape[1], slopes)
             beyond = self._beyond(t[left], fresh)
             found = fresh if found is None else found
@@ -370,7 +394,7 @@ class Evaluator:
                 fresh.shortfall[lost], beyond[lost] = 1.0, True
         return beyond
 
-    def _in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
+    def in_chunks(self, program: Any, size: int, *rows: Any) -> Any:
         """program(*rows), any number of them, by calls of one size."""
         return _in_calls(partial(self._run, program), size, *rows)
 
@@ -524,7 +548,7 @@ def search(
     seed: int = 0,
     report: Callable[[int, float, int, int], None] | None = None,
     remark: Callable[[str], None] = lambda sentence: None,
-    evaluator: Callable[[Problem, int], Evaluator] = Evaluator,
+    evaluator: Callable[[Problem, int], SolvesDesigns] = Evaluator,
 ) -> SearchResult:
     """The best distinct feasible designs of a problem.
 
@@ -834,7 +858,7 @@ def _reasons(found: Evaluated, k: int) -> tuple[str, ...]:
     return tuple(Reason(int(reason)).text(float(detail)) for reason, detail in pairs)
 
 
-def designs_at(problem: Problem, score: Any, evaluate: Evaluator, t: np.ndarray) -> list[Design]:
+def designs_at(problem: Problem, score: Any, evaluate: SolvesDesigns, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
     found, space, designs = evaluate.solve(t), problem.space, []
     labels = problem.constraint_labels()

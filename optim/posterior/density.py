@@ -38,7 +38,7 @@ from softgrip_jax.errors import InputError
 from ..calibration.cross_validation import by_specimen
 from ..calibration.data import Curve
 from ..calibration.fit import Fit
-from ..calibration.model import LEAST_NOISE, _answers
+from ..calibration.model import LEAST_NOISE, answers_of
 from .priors import BETWEEN, DISCREPANCY, Prior
 
 NOISE = 0.05
@@ -500,7 +500,7 @@ def _named(observables: dict[str, Array], curves: tuple[Curve, ...], model: str)
 
 def _one(density: Density, asked: SpecimenPressures, x: Array, at: Array) -> tuple[dict[str, Array], Array, Array]:
     model = density.fitting.space.scenes_at(x)[asked.model]
-    observables, ok, missing, _ = _answers(model, at)
+    observables, ok, missing, _ = answers_of(model, at)
     named = _named(observables, density.fitting.curves, asked.model)
     return {name: jnp.where(ok, v, 0.0) for name, v in named.items()}, missing, ok
 

@@ -57,38 +57,38 @@ class Parts:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.designed = problem.space.size - problem.space.scatters.size  # type: ignore[attr-defined]
-        self._evaluate = Evaluator(problem, chunk_for(AT_ONCE, AT_ONCE))
+        self.evaluate = Evaluator(problem, chunk_for(AT_ONCE, AT_ONCE))
 
     @property
     def solves(self) -> int:
-        return self._evaluate.solves
+        return self.evaluate.solves
 
     def __call__(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
         """Parts with derivatives by t and s; those without equilibrium have a shortfall with its derivatives."""
-        return self._in_blocks(self._evaluate, np.concatenate([t, s], axis=1))
+        return self._in_blocks(self.evaluate, np.concatenate([t, s], axis=1))
 
     def counted(self, t: np.ndarray, s: np.ndarray, tell: Callable[[int], None] = lambda done: None) -> Evaluated:
         """Parts of one design t; those without equilibrium have just a positive shortfall. What is not found from a
         state nearby is followed from zero load."""
         rows = np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1)
-        if not self._evaluate.is_near:
+        if not self.evaluate.is_near:
             return self._in_blocks(self._directly, rows, tell)
         self._answer(rows[:1] * np.append(np.ones(len(t)), np.zeros(s.shape[1])))  # the design itself, to begin from
         return self._in_blocks(self._by_chords, rows, tell)
 
     def whole_way(self, t: np.ndarray, s: np.ndarray) -> Evaluated:
         """Parts of one design t, each along the whole way from zero load, as `sg.solve` does it."""
-        return self._evaluate.solve(np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1))
+        return self.evaluate.solve(np.concatenate([np.broadcast_to(t, (len(s), len(t))), s], axis=1))
 
     def _directly(self, rows: np.ndarray) -> Evaluated:
         """Along the whole way, without derivatives."""
-        self._evaluate.solves += len(rows)
-        return evaluated(self._evaluate._in_chunks(self.problem.solved, BLOCK, rows), 0)
+        self.evaluate.solves += len(rows)
+        return evaluated(self.evaluate.in_chunks(self.problem.solved, BLOCK, rows), 0)
 
     def _by_chords(self, rows: np.ndarray) -> Evaluated:
         """With the Jacobians of parts nearby; what is not found so is answered like any other. Where chambers snap what
         is found nearby may be a state behind a snap: parts are followed from zero load."""
-        evaluate = self._evaluate
+        evaluate = self.evaluate
         if not evaluate.can_begin or self.problem.doubted:
             found = evaluate.solve(rows)
             return found._replace(
@@ -96,18 +96,18 @@ class Parts:
             )
         evaluate.solves += len(rows)
         known, _ = evaluate.starts(rows)
-        found = evaluated(evaluate._in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
+        found = evaluated(evaluate.in_chunks(self.problem.solved_by_chords, COUNTED_AT_ONCE, rows, known), 0)
         left = np.flatnonzero(found.shortfall > 0)
         return _put(found, left, self._answer(rows[left])) if len(left) else found
 
     def _answer(self, rows: np.ndarray) -> Evaluated:
-        evaluate = self._evaluate
+        evaluate = self.evaluate
         evaluate.solves += len(rows)
         if not evaluate.can_begin:
-            evaluate._begin(rows[:1])
+            evaluate.begin(rows[:1])
         if not evaluate.can_begin:
             return evaluate.solve(rows)
-        found, left = evaluate._nearby(rows)
+        found, left = evaluate.nearby(rows)
         if len(left):
             found = _put(found, left, evaluate.solve(rows[left]))
         return found
@@ -136,18 +136,19 @@ def _put(old: Evaluated, rows: np.ndarray, new: Evaluated) -> Evaluated:
     return old._replace(**{name: put(name) for name in ("values", "shortfall", "statuses", "reasons", "details")})
 
 
-class DesignsOfParts(Evaluator):
-    """What a search takes as its `Evaluator`: designs, which are parts without deviations.
+class DesignsOfParts:
+    """`descent.SolvesDesigns` by designs that are parts without deviations.
 
     Args:
         parts: who solves.
     """
 
     def __init__(self, parts: Parts):
-        self.parts, self._evaluate = parts, parts._evaluate
+        self.parts, self._evaluate = parts, parts.evaluate
         self.solves = 0
+        self.moving: np.ndarray | None = None
 
-    @property  # type: ignore[override]
+    @property
     def home(self) -> np.ndarray:
         return self._evaluate.home[: self.parts.designed]
 

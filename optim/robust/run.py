@@ -108,7 +108,7 @@ class Scattered:
         self.designs = DesignsOfParts(self.parts)
 
     def evaluator(self, problem: Problem, chunk: int) -> Any:
-        """What takes the place of `Evaluator` in the nominal search."""
+        """What solves the designs of the nominal search."""
         return self.designs
 
     def robust(self, nominal: SearchResult, tell: Tell, fresh: int = FRESH) -> tuple[SearchResult, Robust]:

@@ -22,12 +22,12 @@ def solving(scene: Scene, asked: dict[str, Any]) -> Callable[[], Solution]:
     Raises:
         InputError: where the scene cannot be asked that.
     """
-    from ..questions import _pressure_for, to_reach, to_solve
+    from ..questions import equilibrium_reaching, to_reach, to_solve
     from ..scene import equilibrium
 
     function: Callable[..., Solution]
     if "pressure" in asked:
         function, given = equilibrium, to_solve(scene, **asked)
     else:
-        function, given = _pressure_for, to_reach(scene, **asked)
+        function, given = equilibrium_reaching, to_reach(scene, **asked)
     return partial(program(function, *given, options=QUICKLY), *given)

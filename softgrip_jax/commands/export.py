@@ -128,7 +128,7 @@ def expectations(read: Any) -> list[tuple[str, str]]:
     import numpy as np
 
     from .. import config as configs
-    from ..questions import _limit_pressure, to_limit
+    from ..questions import pressure_at_limit, to_limit
     from ..results import in_units
 
     rows: list[tuple[str, str]] = []
@@ -140,7 +140,7 @@ def expectations(read: Any) -> list[tuple[str, str]]:
         except InputError as error:
             rows.append(("state", f"none: {error}"))
         try:
-            limit = float(kept(_limit_pressure, to_limit(read.scene)))
+            limit = float(kept(pressure_at_limit, to_limit(read.scene)))
             if np.isnan(limit):
                 told = f"unknown: {why_no_limit(read.scene)}"
             else:

@@ -153,8 +153,8 @@ def nearest_rule(solution: Solution) -> tuple[str, str] | None:
 def report(solution: Solution, console: Console, given_pressure: bool = True) -> None:
     """The state as a table for people; at a given pressure with what a gripper could hold at most."""
     from ..config.modules import type_name
-    from ..pneunet.grasp import Grasp, _largest_mass
-    from ..questions import _limit_pressure, to_limit
+    from ..pneunet.grasp import Grasp, heaviest_held
+    from ..questions import pressure_at_limit, to_limit
     from ..reasons import BROKEN, Reason
     from ..results import Status, in_units
     from ..tables import Table
@@ -170,10 +170,10 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
         table.add_row("least margin of a rule", f"{rule[0]}: {rule[1]}")
     scene = solution.scene
     if given_pressure and isinstance(scene, Grasp) and int(solution.status) == Status.OK:
-        heaviest = kept(_largest_mass, scene, solution.pressure)
+        heaviest = kept(heaviest_held, scene, solution.pressure)
         table.add_row("largest mass", in_units(heaviest, "mass"))
     if int(solution.status) == Status.BEYOND_LIMIT:
-        table.add_row("limit pressure", in_units(kept(_limit_pressure, to_limit(scene)), "pressure"))
+        table.add_row("limit pressure", in_units(kept(pressure_at_limit, to_limit(scene)), "pressure"))
     console.print(table)
     for name, margin in solution.margins.items():
         # Of the cell law the table of both drives says it, with the dimension.

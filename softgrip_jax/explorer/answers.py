@@ -22,7 +22,7 @@ from ..commands.programs import program
 from ..compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from ..geometry import Section, has_sections, sections
 from ..model_error import model_error
-from ..questions import _pressure_for, to_reach, to_solve
+from ..questions import equilibrium_reaching, to_reach, to_solve
 from ..reasons import Reason
 from ..results import Solution, Status, in_units
 from ..scene import Found, Scene, equilibrium
@@ -54,7 +54,7 @@ def slopes_at(scene: Scene, unknowns: Any, pressure: Any) -> tuple[dict[str, Any
 
     def observed(leaves, pressure):
         known = Found(unknowns, pressure, jnp.asarray(Status.OK), jnp.asarray(0))
-        return jax.tree.unflatten(structure, leaves)._solution(known).observables
+        return jax.tree.unflatten(structure, leaves).solution_of(known).observables
 
     slopes = jax.jacfwd(observed, argnums=(0, 1))(leaves, pressure)
     by_pressure = {name: by[1] for name, by in slopes.items()}
@@ -209,7 +209,7 @@ class Helps:
 def asked_of(scene: Scene, pressure: float | None, task: dict[str, float]) -> tuple[Any, ...]:
     """A program and its arguments, that find the state of a scene at a pressure (Pa), or that of a task."""
     if pressure is None:
-        return _pressure_for, *to_reach(scene, **task)
+        return equilibrium_reaching, *to_reach(scene, **task)
     return equilibrium, *to_solve(scene, pressure)
 
 

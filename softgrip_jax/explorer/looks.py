@@ -162,7 +162,7 @@ class View:
             toolbar_location="above",
             output_backend="canvas",
         )
-        _plain(self.figure)
+        plain_figure(self.figure)
         frame = self.figure.scatter("x", "y", source=self.corners, alpha=0.0)
         self.figure.x_range.renderers = self.figure.y_range.renderers = [frame]
         self.figure.patches(
@@ -211,7 +211,7 @@ class View:
         self.corners.data = {"x": [left - wide, right + wide], "y": [low - tall, high + tall]}
 
 
-def _plain(one: Any) -> None:
+def plain_figure(one: Any) -> None:
     """One look for every figure; words dark enough to be read."""
     one.toolbar.logo = None
     one.grid.grid_line_color = "#ECECEC"
@@ -269,7 +269,7 @@ class CurveView:
             min_width=200,
             toolbar_location="above",
         )
-        _plain(self.figure)
+        plain_figure(self.figure)
         self.figure.multi_line("xs", "ys", source=self.pins, line_color="colour", line_width=1.5, line_dash="dotdash")
         self.figure.line("x", "y", source=self.stable, line_color=BLUE, line_width=2.2)
         self.figure.line("x", "y", source=self.unstable, line_color=BLUE, line_width=2.0, line_dash="dashed")
@@ -356,7 +356,7 @@ class HelpView:
             min_width=200,
             x_axis_label="% for 1 % more of",
         )
-        _plain(self.figure)
+        plain_figure(self.figure)
         self.figure.hbar(y="key", right="value", height=0.7, source=self.source, color="colour", nonselection_alpha=1.0)
         self.figure.add_layout(Span(location=0, dimension="height", line_color="#333333", line_width=1))
 

@@ -15,7 +15,7 @@ from bokeh.plotting import figure
 
 from ..errors import InputError
 from ..geometry import Section
-from .looks import View, _plain
+from .looks import View, plain_figure
 from .page import CSS, Page, fault
 
 READ_SECONDS = 3.0
@@ -120,7 +120,7 @@ def chart(x_label: str, y_label: str, height: int = 330, **further: Any) -> Any:
         toolbar_location="above",
         **further,
     )
-    _plain(made)
+    plain_figure(made)
     return made
 
 

@@ -267,7 +267,8 @@ MASS_STEP = 0.05
 
 
 @jax.jit
-def _largest_mass(grasp: Grasp, pressure: Scalar) -> Scalar:
+def heaviest_held(grasp: Grasp, pressure: Scalar) -> Scalar:
+    """The program of `largest_mass`, for a grasp that `solve` takes."""
     fixed, p = frozen((grasp, pressure))
     unit = MASS_STEP * fixed.held_unit() * fixed.gripper.n / GRAVITY
 
@@ -322,4 +323,4 @@ def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
         26.0 g
     """
     solved = solve(grasp, pressure)  # checks the arguments
-    return _largest_mass(solved.scene, solved.pressure)
+    return heaviest_held(solved.scene, solved.pressure)

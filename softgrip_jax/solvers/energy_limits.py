@@ -111,6 +111,6 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
             touched = jnp.any(fixed.contact_pressures(unknowns, load * fixed.unit()) > 0)
             status = jnp.where(alive & ~touched, Status.NO_CONTACT, status)
         found = fixed.verified(Found(unknowns, load * fixed.unit(), status, jnp.asarray(0)))
-        return fixed._report(unknowns, load * fixed.unit(), found)
+        return fixed.report_of(unknowns, load * fixed.unit(), found)
 
     return jax.vmap(report)(points, loads, alive)

@@ -148,4 +148,4 @@ def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     scaled = implicit(equation, found.pressure / fixed.unit(), (scene, target, found.unknowns))
     pressure = jnp.where(ok, scaled * scene.unit(), jnp.nan)
     safe = jnp.where(ok, pressure, fixed.unit())
-    return scene._report(scene.with_implicit_derivative(found.unknowns, safe), pressure, found)
+    return scene.report_of(scene.with_implicit_derivative(found.unknowns, safe), pressure, found)

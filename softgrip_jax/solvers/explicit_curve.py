@@ -173,7 +173,7 @@ class ExplicitCurve(BranchSolver):
         solved, target = stop_gradient_where_failed(found.status == Status.OK, (scene, target))
         angle = implicit(lambda x, args: wanted(args[0], x) - args[1], angle, (solved, target))
         pressure = solved.load(angle)
-        solution = scene._report(angle, pressure, found)
+        solution = scene.report_of(angle, pressure, found)
         begins = jnp.where(curve.touches, scan.y[0], curve.free_limit)
         no_answer = jnp.where(status == Status.NO_CONTACT, begins, jnp.nan)
         return solution.at_pressure(jnp.where(solution.status == Status.OK, pressure, no_answer))
@@ -194,7 +194,7 @@ class ExplicitCurve(BranchSolver):
             # What is touched only behind the free membrane's own limit is no part of this branch.
             status = jnp.where(curve.touches, status, Status.BEYOND_LIMIT)
             status = jnp.where(curve.possible, status, Status.IMPOSSIBLE)
-            return scene._report(angle, pressure, scene.verified(Found(angle, pressure, status, jnp.asarray(0))))
+            return scene.report_of(angle, pressure, scene.verified(Found(angle, pressure, status, jnp.asarray(0))))
 
         return jax.vmap(at)(angles)
 

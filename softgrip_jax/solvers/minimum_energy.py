@@ -81,7 +81,7 @@ class MinimumEnergy(BranchSolver):
         one = jnp.ones_like(pressures[0])
         start = fixed.unloaded_state(), jnp.zeros_like(one), fixed.first_guess(one)
         _, found = lax.scan(next_one, start, lax.stop_gradient(pressures))
-        return jax.vmap(lambda found, pressure: scene._solution(found._replace(pressure=pressure)))(found, pressures)
+        return jax.vmap(lambda found, pressure: scene.solution_of(found._replace(pressure=pressure)))(found, pressures)
 
     def onset(self, scene):
         return jnp.zeros_like(scene.shell.a) if scene.body is None else energy_values.onset(self, scene)

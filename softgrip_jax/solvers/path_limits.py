@@ -114,7 +114,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
         state = jnp.where(good, Status.OK, Status.NOT_CONVERGED)
         state = jnp.where(good & (u[-1] > span.last()), Status.BEYOND_LIMIT, state)
         pressure = span.pressure_at(u)
-        return scene._report(u[:-1], pressure, scene.verified(Found(u[:-1], pressure, state, jnp.asarray(0))))
+        return scene.report_of(u[:-1], pressure, scene.verified(Found(u[:-1], pressure, state, jnp.asarray(0))))
 
     return jax.vmap(report)(points[-1, ::finer], trusted[-1, ::finer])
 

@@ -45,7 +45,7 @@ def surplus_over(name: str, target: Scalar, observed: dict[str, Array]) -> Scala
 def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     """The solution at the pressure that gives an observable its wanted value."""
     point, found = _sought(method, scene, name, target, scene.verified)
-    solution = scene._report(point[:-1], point[-1], found)
+    solution = scene.report_of(point[:-1], point[-1], found)
     no_answer = jnp.where(found.reason == Reason.VALUE_PASSED, found.pressure, jnp.nan)
     return solution.at_pressure(jnp.where(solution.status == Status.OK, solution.pressure, no_answer))
 

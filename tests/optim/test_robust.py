@@ -524,7 +524,7 @@ def test_parts_that_may_have_snapped_are_followed_from_zero_load():
     none, two = np.zeros((3, 0)), np.full((3, 1), 0)
     whole = Evaluated(np.arange(3.0)[:, None], none[:, None], np.zeros(3), none, two, two, 1.0 * two)
     parts = object.__new__(Parts)
-    parts._evaluate = SimpleNamespace(can_begin=True, solve=lambda rows: whole)
+    parts.evaluate = SimpleNamespace(can_begin=True, solve=lambda rows: whole)
     parts.problem = SimpleNamespace(doubted=[("held", 3e4)])  # has no `solved_by_chords`: that would be an error
     np.testing.assert_array_equal(parts._by_chords(np.zeros((3, 2))).values, whole.values)
 

@@ -319,7 +319,7 @@ def test_contact_hardly_depends_on_the_layer(monkeypatch):
     expand = scene.functional.expand
     try:
         expand.clear_cache()  # a program holds the layer as it was
-        other = jax.jit(lambda scene: scene._solution(scene.solver().find(scene, pressure, None)))(scene)
+        other = jax.jit(lambda scene: scene.solution_of(scene.solver().find(scene, pressure, None)))(scene)
     finally:
         expand.clear_cache()
     assert other.force != usual.force
