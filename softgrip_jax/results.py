@@ -115,13 +115,13 @@ class Solution(Batched):
         return said if self.reason.ndim else str(said)
 
     def shape(self, n: int = 101) -> dict[str, Array]:
-        """The deformed shape at n points, as arrays by name (see the scene's ``profile``); InputError where n is not a
-        whole number, 2 or more."""
+        """The deformed shape at n points, as arrays by name (see the scene's ``profile``), NaN where the state is not
+        OK; InputError where n is not a whole number, 2 or more."""
         require_whole("n", n, 2)
         one = partial(_shape, n=n)
         for _ in range(self.status.ndim):
             one = jax.vmap(one)
-        return one(self.scene, self.unknowns, self.pressure)
+        return one(self.scene, self.unknowns, self.pressure, self.status)
 
     def mesh(self) -> Any:
         """The deformed gripper in space, a `geometry.Mesh`: triangles by parts, m; it writes .vtk, .stl and .obj."""
@@ -148,8 +148,9 @@ class Solution(Batched):
 
 
 @partial(jax.jit, static_argnames="n")
-def _shape(scene: Any, unknowns: Array, pressure: Array, n: int) -> dict[str, Array]:
-    return scene.profile(unknowns, pressure, n)
+def _shape(scene: Any, unknowns: Array, pressure: Array, status: Array, n: int) -> dict[str, Array]:
+    drawn = scene.profile(unknowns, pressure, n)
+    return {name: jnp.where(status == Status.OK, values, jnp.nan) for name, values in drawn.items()}
 
 
 def in_units(value: Any, kind: str) -> str:

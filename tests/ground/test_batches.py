@@ -56,6 +56,15 @@ def test_an_index_is_the_state_of_its_own(curve):
     np.testing.assert_allclose(shape["x"], alone.shape(7)["x"], atol=1e-12)
 
 
+def test_what_has_no_state_has_no_shape(curve):
+    """At the first pressures the membrane is short of the plane."""
+    drawn, solved = curve.shape(7), np.asarray(curve.status) == sg.Status.OK
+    assert 0 < solved.sum() < len(curve)
+    for values in drawn.values():
+        assert np.isfinite(values[solved]).all()
+        assert np.isnan(values[~solved]).all()
+
+
 def test_slices_masks_and_loops(curve):
     assert len(curve) == 25
     part = curve[2:10:3]
