@@ -114,17 +114,17 @@ def path(
 
     - softgrip path configs/shell_cylinder.toml --from-kPa 3 --to-kPa 20 --points 30 --animate inflation.gif
     """
-    from ..commands.path import run_path, run_path_into
+    from ..commands.path import Asked, run_path, run_path_into
 
-    asked = (from_kpa, to_kpa, points, through_limit, observable, scene, as_json)
+    wanted = Asked(from_kpa, to_kpa, points, through_limit, observable, scene)
     files = (csv_file, plot, animate, page)
     if out is None:
-        found = run_path(config, *asked, *files)
+        found = run_path(config, wanted, as_json, *files)
     elif any(file is not None for file in files):
         from ..errors import ConfigError
 
         raise ConfigError("--out is given beside --csv, --plot, --animate or --report; it writes the files itself.")
     else:
-        found = run_path_into(out, config, *asked)
+        found = run_path_into(out, config, wanted, as_json)
     if not found:
         raise typer.Exit(NO_ANSWER)

@@ -6,6 +6,7 @@ Reads the scene of a config; prints or writes a table with a row per pressure, a
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 import shlex
@@ -31,18 +32,33 @@ if TYPE_CHECKING:
     from ..results import Solution
 
 
+@dataclasses.dataclass(frozen=True)
+class Asked:
+    """Which curve, by the options of the command."""
+
+    from_kpa: float
+    to_kpa: float | None
+    points: int
+    through_limit: bool
+    observable: str | None
+    scene: str | None
+
+    def command(self, config: str) -> list[str]:
+        """The words of the command that finds the same curve again."""
+        options = ["--from-kPa", f"{self.from_kpa:.12g}"]
+        options += [] if self.to_kpa is None else ["--to-kPa", f"{self.to_kpa:.12g}"]
+        options += ["--points", str(self.points), *(["--through-limit"] if self.through_limit else [])]
+        options += [] if self.observable is None else ["--observable", self.observable]
+        return ["softgrip", "path", config, *options, *(["--scene", self.scene] if self.scene else [])]
+
+
 def run_path(
     config: Path,
-    from_kpa: float,
-    to_kpa: float | None,
-    points: int,
-    through_limit: bool,
-    observable: str | None,
-    scene: str | None,
-    as_json: bool,
-    csv_file: Path | None,
-    plot: Path | None,
-    animate: Path | None,
+    wanted: Asked,
+    as_json: bool = False,
+    csv_file: Path | None = None,
+    plot: Path | None = None,
+    animate: Path | None = None,
     page: Path | None = None,
     tell_of: Callable[[str, Path, bool], None] = tell_file,
 ) -> bool:
@@ -63,10 +79,11 @@ def run_path(
     ):
         if file is not None:
             check_file(file, option, endings)
-    asked = one_scene(config, scene).scene
+    from_kpa, to_kpa, points, through_limit = wanted.from_kpa, wanted.to_kpa, wanted.points, wanted.through_limit
+    asked = one_scene(config, wanted.scene).scene
     if animate is not None:
         require_picture(asked, "--animate")
-    shown = observable_of(asked, observable)
+    shown = observable_of(asked, wanted.observable)
     aside = Console(stderr=True)
     stopped = False
     # Without a terminal nobody waits for words, and what is written to a log is what was asked for.
@@ -107,14 +124,13 @@ def run_path(
         csv.writer(sys.stdout, lineterminator="\n").writerows([header, *rows])
     good = np.asarray(curve.status) == 0
     if page is not None:
-        asked_for = from_kpa, to_kpa, points, through_limit, observable, scene
-        text = page_of(curve, shown, limit, config, shlex.join(command_of(str(config), *asked_for)), scene)
+        text = page_of(curve, shown, limit, config, wanted)
         write_whole(page, text.encode())
         tell_of("The report", page, as_json)
     if not good.any() and not stopped:
         print("There is no state on this curve; the columns status and reason say why.", file=sys.stderr)
         return False
-    for sentence in lost(curve):
+    for sentence in [*lost(curve), *out_of_range(curve)]:
         print(sentence, file=sys.stderr)
     if plot is not None and good.any():
         from ..plots import curve_of
@@ -146,47 +162,29 @@ def why_no_limit(scene: Any) -> str:
     return "it was not found" if int(state.status) == 0 else state.reason_text()
 
 
-def command_of(
-    config: str,
-    from_kpa: float,
-    to_kpa: float | None,
-    points: int,
-    through_limit: bool,
-    observable: str | None,
-    scene: str | None,
-) -> list[str]:
-    """The words of the command that finds the same curve again."""
-    options = ["--from-kPa", f"{from_kpa:.12g}", *([] if to_kpa is None else ["--to-kPa", f"{to_kpa:.12g}"])]
-    options += ["--points", str(points), *(["--through-limit"] if through_limit else [])]
-    options += [] if observable is None else ["--observable", observable]
-    return ["softgrip", "path", config, *options, *(["--scene", scene] if scene else [])]
-
-
-def run_path_into(out: Path, config: Path, *options: Any) -> bool:
+def run_path_into(out: Path, config: Path, wanted: Asked, as_json: bool = False) -> bool:
     """The same with all its files in a new folder: the config, curve.csv, curve.png where there is a state to draw,
-    report.html, and result.json with the command. The options are those of `run_path` up to as_json. Stopped by Ctrl-C
-    it holds the rows until then."""
+    report.html, and result.json with the command. Stopped by Ctrl-C it holds the rows until then."""
     stopped = False
     with new_folder(out, config.stem) as (folder, final):
         keep_inputs(folder, config, ["curve.csv", "result.json"])
-        command = {"command": command_of("config.toml", *options[:-1])}
+        command = {"command": wanted.command("config.toml")}
         (folder / "result.json").write_text(json.dumps(command, indent=2), encoding="utf-8")
         table = folder / "curve.csv"
-        files = {"csv_file": table, "plot": folder / "curve.png", "animate": None, "page": folder / NAME}
+        plot, page = folder / "curve.png", folder / NAME
         try:
-            found = run_path(config, *options, **files, tell_of=lambda *words: None)
+            found = run_path(config, wanted, as_json, csv_file=table, plot=plot, page=page, tell_of=lambda *words: None)
         except KeyboardInterrupt:
             if not table.is_file():
                 raise
             found, stopped = True, True
-    is_json = options[-1]
-    print(f"The curve is in {final}: {contents(final)}.", file=sys.stderr if is_json else sys.stdout)
+    print(f"The curve is in {final}: {contents(final)}.", file=sys.stderr if as_json else sys.stdout)
     if stopped:
         raise KeyboardInterrupt
     return found
 
 
-def page_of(curve: Solution, shown: str, limit: float | None, config: Path, command: str, scene: str | None) -> str:
+def page_of(curve: Solution, shown: str, limit: float | None, config: Path, wanted: Asked) -> str:
     """The report of a curve, with its picture where there is a state to draw."""
     import numpy as np
 
@@ -195,7 +193,8 @@ def page_of(curve: Solution, shown: str, limit: float | None, config: Path, comm
     from ..report.run import Curve, report_of_curve
     from ..units import unit_key
 
-    asked = one_scene(config, scene)
+    asked = one_scene(config, wanted.scene)
+    command = shlex.join(wanted.command(str(config)))
     sentences = {reason.name: reason.text() for reason in Reason}
     up = unit_key(shown, type(curve.scene).OBSERVABLES[shown])
     found = Curve(*table_of(curve), asked.scenes, unit_key("pressure", "pressure"), up, sentences)
@@ -252,6 +251,23 @@ def lost(curve: Solution) -> list[str]:
         f"{count} of {len(curve.status)} pressures have no state: {reason.text()}."
         for reason, count in Counter(reasons).items()
     ]
+
+
+def out_of_range(curve: Solution) -> list[str]:
+    """A sentence for each range, which forbids nothing, that states of a curve are out of, with the worst of them."""
+    import numpy as np
+
+    from ..reasons import BROKEN, Reason
+    from ..results import Status, in_units
+
+    told = []
+    for name, margins in curve.margins.items():
+        out = (np.asarray(curve.status) == Status.OK) & (np.asarray(margins) < -BROKEN)
+        if out.any() and not Reason[name.upper()].forbids:
+            first = float(np.asarray(curve.pressure)[out][0])
+            words = Reason[name.upper()].text(float(np.asarray(margins)[out].min()))
+            told.append(f"{out.sum()} of {len(out)} states, from {in_units(first, 'pressure')} on: {words}.")
+    return told
 
 
 def from_pressure(curve: Solution, first: float) -> Solution:

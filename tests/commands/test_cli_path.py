@@ -200,3 +200,17 @@ def test_pressures_without_a_state_are_told(tmp_path, capsys):
     said = capsys.readouterr().err
     assert said.startswith("2 of 4 pressures have no state: ")
     assert "pass through each other" in said
+
+
+def test_states_beyond_one_turn_are_told(tmp_path, capsys):
+    """As `solve` says of one state."""
+    config = tmp_path / "curled.toml"
+    finger = '[scene.finger]\npreset = "table_5_1_A"\n'
+    config.write_text(f'[scene]\ntype = "pneunet.Free"\ndrive = "cell"\nweight_N_per_m = [0, 0]\n{finger}')
+    options = ["--from-kPa", "27", "--to-kPa", "32", "--points", "6", "--csv", str(tmp_path / "c.csv")]
+    assert run(["path", str(config), *options]) == 0
+    rows = list(csv.DictReader((tmp_path / "c.csv").read_text().splitlines()))
+    beyond = [float(row["pressure_kPa"]) for row in rows if float(row["tip_angle_deg"]) > 360]
+    said = capsys.readouterr().err
+    assert f"{len(beyond)} of 6 states, from {beyond[0]:g} kPa on: the finger has curled by more than one turn" in said
+    assert 0 < len(beyond) < 6
