@@ -214,10 +214,15 @@ def check_pressures(name: str, x: np.ndarray, path: Path) -> list[str]:
     if np.any(x < 0):
         worst = float(np.min(x)) / UNITS["pressure"]["kPa"]
         raise ConfigError(f"{path}: a pressure of curve {name!r} is {worst:.6g} kPa; gauge pressures are zero or more.")
+    return falls_again("pressure", x, path)
+
+
+def falls_again(what: str, x: np.ndarray, path: Path) -> list[str]:
+    """A sentence where what is set rises and falls again."""
     fall = float(np.max(np.maximum.accumulate(x) - x))
     if fall > FALL * np.ptp(x):
         return [
-            f"{path.name}: the pressure rises and falls again; every point is used, and hysteresis, which the models "
+            f"{path.name}: the {what} rises and falls again; every point is used, and hysteresis, which the models "
             "do not have, counts as noise."
         ]
     return []

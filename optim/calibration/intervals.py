@@ -3,7 +3,9 @@
     gauss_newton    x +- t sd from the covariance (J^T W J)^-1: instant; exact for a model that is linear over the
                     interval and noise that is normal.
     bootstrap       fits to points drawn with replacement within every curve, percentiles of them (Efron 1979): no
-                    normal noise, and no noise that is the same everywhere, is assumed.
+                    normal noise, and no noise that is the same everywhere, is assumed. The percentiles are those
+                    of Hesterberg (2015): with n points and m parameters drawn points scatter by (n - m) / n of what
+                    measured ones do, and the noise is known as well as Student's t has it.
     profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
                     model that is not linear, and says where an interval has no end. A robust loss is taken as if it
                     were the likelihood.
@@ -18,6 +20,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from scipy import stats
 from scipy.interpolate import PchipInterpolator
 
 from softgrip_jax.errors import InputError
@@ -25,7 +28,7 @@ from softgrip_jax.progress import Tell, silent
 from softgrip_jax.spread import Spread
 
 from ..space import to_free
-from .fit import CONFIDENCE, Fit, run_members
+from .fit import Fit, run_members
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
 
@@ -70,7 +73,8 @@ def intervals(
     Raises:
         InputError: for another method.
 
-    Source: Seber and Wild 2003; Efron and Tibshirani 1993.
+    Source: Seber and Wild 2003; Efron and Tibshirani 1993; Hesterberg 2015, What Teachers Should Know About the
+        Bootstrap, The American Statistician 69, 4.2 (expanded percentiles).
 
     Examples:
         >>> strain = np.linspace(0.1, 1.0, 10)
@@ -93,7 +97,7 @@ def intervals(
 
 
 def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: Spread | None = None) -> Intervals:
-    """Percentiles of fits to resampled points; noises stay as in the fit."""
+    """Expanded percentiles of fits to resampled points; noises stay as in the fit."""
     draws = bootstrap_fits(fit, repeats, seed, report, spread)
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
@@ -102,7 +106,9 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: 
     if len(kept) < 2:
         nothing = np.full(draws.shape[1], np.nan)
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
-    low, high = np.quantile(kept, [0.5 - 0.5 * CONFIDENCE, 0.5 + 0.5 * CONFIDENCE], axis=0)
+    points = fit.freedom + fit.fitting.space.size
+    tail = float(stats.norm.sf(fit.quantile * np.sqrt(points / max(fit.freedom, 1))))
+    low, high = np.quantile(kept, [tail, 1 - tail], axis=0)
     return Intervals("bootstrap", low, high, tuple(notes))
 
 

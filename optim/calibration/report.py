@@ -87,7 +87,7 @@ def examine(
     remarks = [note for curve in fit.fitting.curves for note in curve.notes]
     remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
     held, correlated = on_bounds(fit), _correlated(fit, directions)
-    remarks += [*held, *misfit(fit), *correlated, *_spread(fit, specimens)]
+    remarks += [*held, *misfit(fit), *correlated, *spread_of_specimens(fit, specimens)]
     remarks += [direction.sentence() for direction in directions]
     open_ended = any(not np.all(np.isfinite([one.low, one.high])) for one in found)
     mostly_lost = 2 * int(fit.used.sum()) < int(np.sum(fit.fitting.weight))
@@ -240,7 +240,13 @@ def _correlated(fit: Fit, directions: Sequence[Direction]) -> list[str]:
     ]
 
 
-def _spread(fit: Fit, specimens: Specimens | None) -> list[str]:
+def is_to_quote(fit: Fit, specimens: Specimens, j: int) -> bool:
+    """Whether the interval of a parameter over the specimens is much wider than the one that the noise gives."""
+    return bool(specimens.high[j] - specimens.low[j] > WIDER * (fit.high[j] - fit.low[j]))
+
+
+def spread_of_specimens(fit: Fit, specimens: Specimens | None) -> list[str]:
+    """A sentence about each parameter: its values by specimen, and the interval of their mean."""
     if specimens is None:
         return []
     said, space = [], fit.fitting.space
@@ -252,7 +258,7 @@ def _spread(fit: Fit, specimens: Specimens | None) -> list[str]:
         )
         low, high = in_units(specimens.low[j], kind), in_units(specimens.high[j], kind)
         sentence = f"{name} by specimen: {values}; 95 % interval of their mean {low} to {high}"
-        if specimens.high[j] - specimens.low[j] > WIDER * (fit.high[j] - fit.low[j]):
+        if is_to_quote(fit, specimens, j):
             sentence += ", which is the one to quote: the specimens differ by more than the noise explains"
         said.append(f"{sentence}.")
     return said

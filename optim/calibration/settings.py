@@ -36,7 +36,7 @@ from softgrip_jax.errors import ConfigError, InputError, located
 from ..posterior.priors import BETWEEN, DISCREPANCY, Prior, Sampling, require_proper, weak
 from ..space import Space, Variable
 from ..tension.test import Tension, material_of
-from .data import UNITS, Column, Curve, check_pressures, read_columns
+from .data import UNITS, Column, Curve, check_pressures, falls_again, read_columns
 from .fit import STARTS
 from .intervals import METHODS, REPEATS
 from .model import LOSSES, Fitting
@@ -272,6 +272,8 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
             raise ConfigError(
                 f"{folder / one}: a strain of curve {name!r} is {data[:, 0].min():.4g}; it must be above -1."
             )
+        else:
+            said += falls_again("strain", data[:, 0], folder / one)
         parts.append(data)
         notes += said
     whole = np.concatenate(parts)

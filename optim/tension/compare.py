@@ -12,6 +12,7 @@ from softgrip_jax.materials.base import Material
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 
+from ..calibration.cross_validation import Specimens, by_specimen
 from ..calibration.data import Curve
 from ..calibration.fit import Fit, calibrate, finished, with_noise
 from ..calibration.model import Fitting
@@ -37,6 +38,12 @@ class FittedMaterial:
     material: Material
     akaike: float
     softens: list[Softening]
+    specimens: Specimens | None = None
+    """Its constants by each specimen alone, where there are several."""
+
+    def ends(self, j: int) -> tuple[float, float]:
+        """The 95 % interval of a constant, SI: see `ends_of`."""
+        return ends_of(self.fit, self.specimens, j)
 
     @property
     def rmse(self) -> float:
@@ -44,9 +51,17 @@ class FittedMaterial:
         return self.fit.rmse(0)
 
 
+def ends_of(fit: Fit, specimens: Specimens | None, j: int) -> tuple[float, float]:
+    """The wider of two 95 % intervals, SI: by the noise of the points, and of the mean over specimens."""
+    low, high = float(fit.low[j]), float(fit.high[j])
+    if specimens is not None and specimens.high[j] - specimens.low[j] > high - low:
+        return float(specimens.low[j]), float(specimens.high[j])
+    return low, high
+
+
 @dataclasses.dataclass(frozen=True)
 class Window:
-    """The neo-Hookean mu of one window, Pa."""
+    """The neo-Hookean mu of one window, Pa, with its 95 % interval: see `ends_of`."""
 
     strain: float
     mu: float
@@ -89,7 +104,7 @@ def compare(
         if not bool(material.is_stable_at_rest()):
             remarks.append(f"{name} is left out: {_softer_than_nothing(material)}.")
             continue
-        judged.append(FittedMaterial(name, fit, material, akaike(fit), softening(material, window)))
+        judged.append(FittedMaterial(name, fit, material, akaike(fit), softening(material, window), by_specimen(fit)))
     if not judged:
         raise InputError(f"No material describes this test. {' '.join(remarks)}")
     judged.sort(key=lambda one: one.akaike)
@@ -134,7 +149,7 @@ def neo_hookean_windows(curve: Curve, windows: list[float]) -> list[Window]:
             fit = finished(fitting, with_noise(fitting, member))
             if fit.on_bound.any():
                 continue  # the least-squares mu is zero or negative: a slack specimen, or a load cell below its zero
-            found.append(Window(window, float(fit.x[0]), float(fit.low[0]), float(fit.high[0])))
+            found.append(Window(window, float(fit.x[0]), *ends_of(fit, by_specimen(fit), 0)))
     return found
 
 

@@ -45,9 +45,8 @@ from softgrip_jax.tables import Table as PrintedTable
 from softgrip_jax.units import kPa
 
 from ..calibration.data import Curve
-from ..calibration.fit import Fit
 from ..calibration.provenance import material_text, provenance
-from ..calibration.report import STOPPED
+from ..calibration.report import STOPPED, misfit, spread_of_specimens
 from ..calibration.settings import ColumnTable, column, read_specimens
 from ..posterior.compare import Run, as_data, compared, run_of
 from ..posterior.compare import report as report_evidence
@@ -177,9 +176,18 @@ WIDE_SPREAD = 2.0
 """Of the logarithm of a constant: a factor of seven."""
 
 
+LEAST_STRAIN = 0.05
+"""A test that ends below this strain is hardly one of an elastomer."""
+
+
 def verdicts(found: Comparison) -> list[str]:
     """How far to trust it, in sentences."""
     said = [*found.curve.notes, *found.remarks]
+    if found.curve.x.max() < LEAST_STRAIN:
+        said.append(
+            f"The test ends at {100 * found.curve.x.max():.4g} % strain, and one of an elastomer at tens of per cent: "
+            "is the unit of the strain right?"
+        )
     if found.windows and not SOFT < found.windows[0].mu < STIFF:
         said.append(
             f"mu of about {in_units(found.windows[0].mu, 'pressure')} is not that of a silicone or rubber: is the unit "
@@ -203,6 +211,7 @@ def verdicts(found: Comparison) -> list[str]:
                 "strains of the actuator."
             )
     chosen = found.chosen
+    said += [*misfit(chosen.fit), *spread_of_specimens(chosen.fit, chosen.specimens)]
     if chosen is not found.judged[0]:
         said.append(f"{found.judged[0].name} fits best but softens; {chosen.name} is the best that stays stable.")
     said.append(
@@ -230,7 +239,7 @@ def report(found: Comparison, remarks: list[str], console: Console) -> None:
     for one in found.judged:
         space = one.fit.fitting.space
         constants = "\n".join(
-            f"{name.removeprefix('material.')} {in_units(float(f'{x:.4g}'), kind)} {_half(one.fit, j)}"
+            f"{name.removeprefix('material.')} {in_units(float(f'{x:.4g}'), kind)} {_half(one, j)}"
             for j, (name, kind, x) in enumerate(zip(space.names, space.kinds, one.fit.x, strict=True))
         )
         table.add_row(
@@ -254,9 +263,10 @@ def report(found: Comparison, remarks: list[str], console: Console) -> None:
         console.print(remark, soft_wrap=True, highlight=False)
 
 
-def _half(fit: Fit, j: int) -> str:
-    """Half of the interval of a parameter, relative."""
-    half = 0.5 * (fit.high[j] - fit.low[j]) / abs(fit.x[j])
+def _half(one: FittedMaterial, j: int) -> str:
+    """Half of the interval of a constant, relative."""
+    low, high = one.ends(j)
+    half = 0.5 * (high - low) / abs(one.fit.x[j])
     return f"±{100 * half:.1f} %" if half < 1 else "(uncertain)"
 
 
@@ -266,7 +276,7 @@ def _write_table(path: Path, found: Comparison) -> None:
         writer.writerow(["material", "constant", "value_SI", "low_SI", "high_SI", "rmse_kPa", "aic"])
         for one in found.judged:
             for j, name in enumerate(one.fit.fitting.space.names):
-                ends = (float(one.fit.x[j]), float(one.fit.low[j]), float(one.fit.high[j]))
+                ends = (float(one.fit.x[j]), *one.ends(j))
                 writer.writerow([one.name, name.removeprefix("material."), *ends, one.rmse / kPa, one.akaike])
 
 

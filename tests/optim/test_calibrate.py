@@ -166,6 +166,20 @@ def test_points_beyond_the_limit_are_left_out_and_said():
     assert "limit point" in found.notes[0]
 
 
+@pytest.mark.parametrize(("part", "held"), [(0.9995, True), (0.99, False)])
+def test_a_point_where_the_model_ends_holds_the_fit_and_that_is_said(part, held):
+    """A fit of the thesis's finger to data of the cell law sat there, with a hundredth of its modulus as interval; a
+    better one was on the other side."""
+    mu, scene = 175 * kPa, sg.shell.Free(shell(175 * kPa))
+    x = np.array([5 * kPa, 10 * kPa, 15 * kPa, part * float(sg.limit_pressure(scene))])
+    y = np.asarray(sg.path(scene, x).inflation)
+    found = calibrate(Fitting({"free": scene}, [MU], [free_curve(y, x=x)]), starts=1)
+    assert found.x[0] == pytest.approx(mu, rel=1e-5)
+    assert [note.split(",")[0] for note in found.notes] == held * [
+        f"free: the model of the fit ends just above {x[-1] / kPa:.5g} kPa"
+    ]
+
+
 @pytest.mark.parametrize(
     ("ours", "scipys", "scale"),
     [("huber", "huber", HUBER), ("soft_l1", "soft_l1", SOFT_L1), ("cauchy", "cauchy", CAUCHY)],
@@ -228,6 +242,21 @@ def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
     white = np.sqrt(np.diag(bread @ (columns.T * errors**2) @ columns @ bread))
     draws = bootstrap_fits(found, 400, seed=1)
     np.testing.assert_allclose(np.nanstd(draws, axis=0), white, rtol=0.25)
+
+
+def test_a_bootstrap_of_few_points_is_as_wide_as_student_has_it():
+    """Of eight points with normal noise the exact interval is the linear one; plain percentiles had 0.74 of it."""
+    strain = np.linspace(0.1, 1.0, 8)
+    rise = 1 + strain - (1 + strain) ** -2
+    widths = []
+    for seed in range(8):
+        stress = 170e3 * rise + 3e3 * np.random.default_rng(seed).normal(size=8)
+        strip = {"test": Tension(sg.NeoHookean(mu=150 * kPa))}
+        curve = Curve("test", "test", "stress", "pressure", strain, stress)
+        found = calibrate(Fitting(strip, [Variable("material.mu", 10e3, 1e6, "log")], [curve]), starts=1)
+        ends = intervals(found, "bootstrap", 300, seed)
+        widths.append(float((ends.high[0] - ends.low[0]) / (found.high[0] - found.low[0])))
+    assert 0.88 < np.mean(widths) < 1.12
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import optimize
+from scipy import optimize, stats
 
 import softgrip_jax as sg
 from optim.calibration.data import Column, Curve, read_columns
@@ -90,6 +90,53 @@ def test_mu_of_a_window_is_the_least_squares_value(compared):
         inside = window.strain + 1e-9 >= STRAIN
         assert window.mu == pytest.approx(RISE[inside] @ y[inside] / (RISE[inside] @ RISE[inside]), rel=1e-6)
     assert any("depends on the window" in sentence for sentence in verdicts(compared))
+
+
+@pytest.fixture(scope="module")
+def specimens():
+    """Strips of 150, 170 and 190 kPa with 1 kPa of noise, whose strains are said to be per cent."""
+    rng, strain = np.random.default_rng(1), np.linspace(0.05, 1.0, 20)
+    stretch = 1 + strain
+    stress = [mu * 1e3 * (stretch - stretch**-2) + 1e3 * rng.normal(size=20) for mu in (150, 170, 190)]
+    known = {"specimen": np.repeat(np.arange(3), 20), "specimens": ("s1", "s2", "s3")}
+    made = Curve("test", "test", "stress", "pressure", np.tile(strain, 3), np.concatenate(stress), **known)
+    return compare(made, ["NeoHookean", "Yeoh"], 1.0, [1.0])
+
+
+def test_an_interval_is_that_of_the_mean_over_specimens(specimens):
+    """Student's t over the logarithms of the three moduli, by hand: the noise of the points alone gives a tenth."""
+    stretch = 1 + np.linspace(0.05, 1.0, 20)
+    rise = stretch - stretch**-2
+    mu = np.log(specimens.curve.y.reshape(3, 20) @ rise / (rise @ rise))
+    half = stats.t.ppf(0.975, 2) * mu.std(ddof=1) / np.sqrt(3)
+    low, high = np.exp(mu.mean() - half), np.exp(mu.mean() + half)
+    (window,) = specimens.windows
+    assert (window.low, window.high) == (pytest.approx(low, rel=1e-5), pytest.approx(high, rel=1e-5))
+    neo = next(one for one in specimens.judged if one.name == "NeoHookean")
+    assert neo.ends(0) == (pytest.approx(low, rel=1e-5), pytest.approx(high, rel=1e-5))
+    assert neo.fit.high[0] - neo.fit.low[0] < 0.2 * (high - low)
+    assert any("by specimen: s1" in sentence and "one to quote" in sentence for sentence in verdicts(specimens))
+
+
+def test_a_test_of_few_per_cent_is_asked_for_its_unit(compared):
+    short = compare(curve(compared.curve.y[:20] / 10, STRAIN[:20] / 100), ["NeoHookean"], 0.0075, [0.0075])
+    assert any(
+        f"ends at {STRAIN[19]:.4g} % strain" in sentence and "unit of the strain" in sentence
+        for sentence in verdicts(short)
+    )
+    assert not any("unit of the strain" in sentence for sentence in verdicts(compared))
+
+
+def test_a_strain_that_falls_again_is_said(tmp_path):
+    """A loop of loading and unloading gave the modulus of their middle without a word."""
+    rows = [*zip(100 * STRAIN, 100 * RISE, strict=True), *zip(100 * STRAIN[::-1], 70 * RISE[::-1], strict=True)]
+    text = "\n".join(["strain,stress", *(f"{e:.6g},{s:.6g}" for e, s in rows)])
+    (tmp_path / "loop.csv").write_text(text)
+    (tmp_path / "t.toml").write_text(
+        '[tension]\nfile = "loop.csv"\nmaterials = ["NeoHookean"]\n'
+        'strain = { column = "strain", unit = "%" }\nstress = { column = "stress", unit = "kPa" }\n'
+    )
+    assert any("the strain rises and falls again" in note for note in read(tmp_path / "t.toml")[1].notes)
 
 
 def test_akaike_is_its_formula(compared):
