@@ -77,6 +77,21 @@ def _path(scene: Scene, pressures: Float[Array, " n"]) -> Solution:
     return scene.solver().along(scene, pressures)
 
 
+@jax.custom_jvp
+def _without_derivatives(number: Array) -> Array:
+    """A number of a scene whose branch is asked for: where the points of a branch lie moves with the scene, and with
+    that their derivatives are not those of any state."""
+    return number
+
+
+@_without_derivatives.defjvp
+def _refuse_derivatives(primals, tangents):
+    raise InputError(
+        "branch has no derivatives, for its points move along the curve with the scene; take those of solve or path at "
+        "pressures, of pressure_for at values, or of limit_pressure."
+    )
+
+
 @partial(traced_once, static_argnames="n")
 def _branch(scene: Scene, n: int) -> Solution:
     return scene.solver().branch(scene, n)
@@ -181,7 +196,8 @@ def branch(scene: Scene, n: int = 200) -> Solution:
 
     The branch ends where, behind the limit, the pressure has fallen to half of it or is as large again (the state to
     which the scene snaps); where the model ends; where a membrane has inflated to ten times its half width, or an
-    energy membrane is twice as far from flat as at its limit. A branch without a limit ends at 20 mu t_m / a.
+    energy membrane is twice as far from flat as at its limit. A branch without a limit ends at 20 mu t_m / a. It is not
+    differentiable: its points move along the curve with the scene.
 
     Args:
         scene: what to solve.
@@ -191,7 +207,7 @@ def branch(scene: Scene, n: int = 200) -> Solution:
         A `Solution` whose leaves have a first axis of n.
 
     Raises:
-        InputError: where the scene (outside of jit) or n cannot be meant.
+        InputError: where the scene (outside of jit) or n cannot be meant, and where it is differentiated.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -201,7 +217,7 @@ def branch(scene: Scene, n: int = 200) -> Solution:
     """
     scene = _checked(scene)
     require_whole("n", n, 2)
-    return _branch(scene, n)
+    return _branch(jax.tree.map(_without_derivatives, scene), n)
 
 
 def contact_pressure(scene: Scene) -> Scalar:

@@ -331,7 +331,7 @@ def _held_at_the_end(fitting: Fitting, member: FitMember, predicted: Predicted) 
     for k, curve in enumerate(fitting.curves):
         held = used & (fitting.of_curve == k) & (share > AT_THE_END)
         if held.any():
-            there = in_units(float(f"{fitting.x[held].max():.6g}"), "pressure")
+            there = in_units(fitting.x[held].max(), "pressure")
             said.append(
                 f"{curve.name}: the model of the fit ends just above {there}, where there is a point: that holds the "
                 "fit, so the interval says too little, and starts elsewhere may find a better one."

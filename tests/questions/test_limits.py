@@ -1,5 +1,7 @@
 """Where equilibrium ends: limit pressures against SciPy's own maximisation, labels next to them, their derivatives."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from scipy.optimize import brentq, minimize_scalar
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.units import kPa, mm
 
 REFERENCE = {
@@ -211,6 +214,19 @@ def test_a_neo_hookean_membrane_has_one_maximum_at_most(kind):
     fallen = np.maximum.accumulate(known & (rise < 0), axis=0)
     assert np.mean(np.sum(known, axis=0) > 20) > 0.5
     assert not np.any(known & fallen & (rise > 0))
+
+
+@pytest.mark.parametrize("way", [jax.grad, jax.jacfwd, lambda f: lambda x: jax.jvp(f, (x,), (1.0,))])
+def test_a_branch_is_not_differentiated(way):
+    """Its points move with the scene: derivatives of a cylinder's were off by a factor of two to eleven."""
+
+    def at(a):
+        return sg.branch(sg.shell.Free(dataclasses.replace(shell(), a=a)), 5).pressure[2]
+
+    with pytest.raises(InputError, match="branch has no derivatives"):
+        way(at)(16 * mm)
+    assert np.isfinite(jax.jit(at)(16 * mm))
+    assert np.isfinite(jax.vmap(at)(jnp.array([15 * mm, 16 * mm]))).all()
 
 
 @pytest.mark.parametrize("n", [0, 1, -3, True])
