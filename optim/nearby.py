@@ -106,6 +106,7 @@ def is_covered(scene: Any, at: State | Array, solution: Solution) -> Bool[Array,
     passed = scene.passed(solution.observables)
     if passed is not None:
         good &= passed < 0
+    good &= ~scene.is_loop(solution.observables)
     nothing_left = (jnp.zeros_like(solution.unknowns), solution.observables)
     found = Found(solution.unknowns, solution.pressure, solution.status, solution.iterations, evaluated=nothing_left)
     return good & (scene.verified(found).status == Status.OK)

@@ -132,6 +132,10 @@ class PathEquations(eqx.Module):
         the equations go on behind it. None where there is no such end."""
         return None
 
+    def is_loop(self, observed: dict[str, Array]) -> Array:
+        """True where a state is none of the branch connected to zero load, whatever the sign of its Jacobian says."""
+        return jnp.asarray(False)
+
     def spent(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
         """What a state uses of the most that its parts can hold, less 1: the equations have no value above zero."""
         return {}

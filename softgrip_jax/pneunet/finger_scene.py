@@ -639,6 +639,10 @@ class FingerScene(PathEquations, Scene):
         last = -max(1, len(points.places) // 4)
         return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
 
+    def is_loop(self, observed):
+        """A held tip that has turned by more than half a turn: up to its limit point it turns by two thirds of that."""
+        return jnp.asarray(False) if self.tip() is None else jnp.abs(observed["tip_angle"]) > np.pi
+
     def held_at(self, x: Scalar, angle: Scalar) -> Scalar | None:
         """The y (over L) at which a tip at x (over L) and of this direction is held; None where the tip is free."""
         return None if self.tip() is None else self.tip().offset_at(x * self.finger.L, angle) / self.finger.L

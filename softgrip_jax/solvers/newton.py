@@ -136,8 +136,9 @@ class Newton(Solver):
             lambda y: residual_and_observables(scene, y, jnp.zeros_like(pressure), span.load_at(begin))[0]
         )(rest)
         loaded = jax.jacfwd(lambda y: scene.residual(y, pressure))(unknowns)
-        status, reason = _labelled(converged, _sign(unloaded) == _sign(loaded))
-        passed = scene.passed(scene.evaluated(unknowns, pressure)[1])
+        observed = scene.evaluated(unknowns, pressure)[1]
+        status, reason = _labelled(converged, (_sign(unloaded) == _sign(loaded)) & ~scene.is_loop(observed))
+        passed = scene.passed(observed)
         if passed is not None:
             curled = (status == Status.OK) & (passed > 0)
             status = jnp.where(curled, Status.BEYOND_LIMIT, status)

@@ -102,6 +102,15 @@ def test_a_column_that_has_buckled_has_no_certificate():
     assert int(found.reason) == sg.Reason.ANOTHER_BRANCH
 
 
+def test_a_loop_beyond_the_limit_has_no_certificate():
+    """A held tip that has turned by 396 degrees has a Jacobian of the right sign; there is no state at 44 kPa."""
+    held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8)
+    assert sg.limit_pressure(held) < 42 * kPa
+    guess = sg.solve(held, 1 * kPa)
+    newton = jax.vmap(lambda p: sg.solve(held, p, solver=sg.solvers.Newton(), guess=guess))
+    assert not np.any(newton(jnp.array([43, 44, 45, 46]) * kPa).status == sg.Status.OK)
+
+
 def test_warm_starts_along_a_parameter():
     """Each from the solution before, in a scan; the same as from zero load, in fewer steps."""
     scene = finger()
