@@ -73,7 +73,7 @@ def run_predict(
 
 
 def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pressure: bool) -> dict[str, Any]:
-    """Plain data in SI."""
+    """Plain data in SI, its numbers by their names without unit, as the result.json of a calibration has them."""
     from ..config.modules import type_name
     from ..reasons import Reason
     from ..results import Status
@@ -85,6 +85,7 @@ def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pres
     columns = ({} if given_pressure else {"pressure": pressure}) | {
         n: observables[n] for n in kinds if n in observables
     }
+    numbers = {one.number.name.split(" = ")[0]: one.number.kind for one in found}
     told: dict[str, Any] = {}
     for name, column in columns.items():
         for part, own in zip((".x", ".y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
@@ -102,10 +103,10 @@ def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pres
         "statuses": {Status(int(k)).name: count for k, count in Counter(status.tolist()).items()},
         "reasons": words,
         "pressure": float(pressure[0]) if given_pressure else None,
-        "parameters": {one.number.key: interval(values[:, k]) for k, one in enumerate(found)},
+        "parameters": {name: interval(values[:, k]) for k, name in enumerate(numbers)},
         "observables": told,
-        "units": {one.number.key: SI[one.number.kind] for one in found} | {n: SI[kind] for n, kind in kinds.items()},
-        "kinds": {one.number.key: one.number.kind for one in found} | kinds,
+        "units": {n: SI[kind] for n, kind in (numbers | kinds).items()},
+        "kinds": numbers | kinds,
     }
 
 

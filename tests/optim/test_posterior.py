@@ -308,7 +308,9 @@ def test_solve_gives_every_value_an_interval(finished, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["solved"] == told["draws"] == 200
     # The inflation falls as mu rises, so that its interval is that of mu, end for end.
-    ends, mu = told["observables"]["inflation"], told["parameters"]["shell.material.mu_kPa"]
+    ends, mu = told["observables"]["inflation"], told["parameters"]["shell.material.mu"]
+    assert told["units"]["shell.material.mu"] == "Pa"
+    assert not any(name.endswith("_kPa") for name in (*told["parameters"], *told["units"]))
     for one, other in (("low", "high"), ("median", "median"), ("high", "low")):
         shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=mu[other]))
         assert ends[one] == pytest.approx(float(sg.solve(sg.shell.Free(shell), 10 * kPa).inflation), rel=5e-3)
