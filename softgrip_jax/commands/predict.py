@@ -37,7 +37,7 @@ def run_predict(
     import jax.numpy as jnp
 
     from .. import config as configs
-    from ..draws import read_draws
+    from ..draws import other_laws, read_draws
     from ..parameters import Parameter, Parameters, ready
     from ..questions import pressure_for, solve
 
@@ -65,6 +65,7 @@ def run_predict(
         one(jnp.asarray(values[0]))  # what cannot be asked of the scene is said before anything is compiled
         states = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.asarray(values)))
     told = _summary(read.scene, found, values, states, at_pressure)
+    told["remarks"] = other_laws(read.scenes, found)
     if as_json:
         typer.echo(json.dumps({k: v for k, v in told.items() if k != "kinds"}, indent=2, allow_nan=False))
     else:
@@ -155,12 +156,15 @@ def _report(scene: Any, told: dict[str, Any], posterior: Path, console: Console)
         soft_wrap=True,
         highlight=False,
     )
+    for sentence in told["remarks"]:
+        console.print(sentence, soft_wrap=True, markup=False, highlight=False)
+    # Numbers that were fitted by another law make up for the errors of that one.
+    made_up = "" if told["remarks"] else "; those of a calibration make up for part of that"
     for name in told["observables"]:
         known = model_error(scene, name)
         if known:
             console.print(
-                f"{name.replace('_', ' ')}: {known}, with numbers as they are; those of a calibration make up for part "
-                "of that.",
+                f"{name.replace('_', ' ')}: {known}, with numbers as they are{made_up}.",
                 soft_wrap=True,
                 highlight=False,
             )
