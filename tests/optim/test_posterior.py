@@ -273,6 +273,15 @@ def test_the_run_keeps_everything(finished, capsys):
         assert low < expected * kPa < high
         assert high - low < 0.3 * (mu["high"] - mu["low"])
     assert "agree" in told["remarks"][0]
+    # Specimens of 160, 175 and 190 kPa: the noise of each says nothing of how far they are apart.
+    over = json.loads((out / "result.json").read_text())["interval_over_specimens"]
+    assert over["to_quote"] == ["shell.material.mu"]
+    half = stats.t.ppf(0.975, 2) * np.std(np.log(MU), ddof=1) / np.sqrt(3)
+    ends = over["low"]["shell.material.mu"], over["high"]["shell.material.mu"]
+    np.testing.assert_allclose(ends, np.exp(np.mean(np.log(MU)) + np.array([-half, half])) * kPa, rtol=0.01)
+    comment = (out / "material.toml").read_text()
+    assert "differ by more than the noise explains: quote 95 % " in comment
+    assert "(mean of the specimens)" in comment
     page = (out / "report.html").read_text()
     assert "predictive.png" in page or "posterior.parameters" in page
 
