@@ -165,9 +165,9 @@ assert run(["measure", "cast.toml", "measured.toml", "--search", "--out", "built
 
 # %%
 found = json.loads(Path("built/result.json").read_text())
-for row, (unit, truth) in zip(found["numbers"], (("mm", 1.2), ("kPa", 150)), strict=True):
-    low, high = row["low_95"], row["high_95"]
-    print(f"{row['number']}: drawn {row['drawn']:g}, built {row['built']:.4g} {unit} ", end="")
+for row, (label, unit, truth) in zip(found["numbers"], (("mm", mm, 1.2), ("kPa", kPa, 150)), strict=True):
+    drawn, built, low, high = (row[name] / unit for name in ("drawn", "built", "low_95", "high_95"))
+    print(f"{row['number']}: drawn {drawn:g}, built {built:.4g} {label} ", end="")
     print(f"(95 % interval {low:.4g} to {high:.4g}), in truth {truth}")
 built = config.load(Path("built/search/best.toml")).scenes["pad"]
 print(f"mount: drawn {float(pad.distance) / mm:.2f} mm, now {float(built.distance) / mm:.2f} mm")

@@ -3,11 +3,14 @@
 The file is netCDF with the group `posterior`, as ArviZ reads and writes it. Its variables of the dimensions chain and
 draw whose names are keys of the config at hand ("shell.material.mu_kPa") are numbers in the unit of the key. What a
 calibration has written says more: which class a number belongs to, so that one of another material is not taken for it,
-and whether the diagnostics allow its use.
+the laws of the scenes that it was fitted with, and whether the diagnostics allow its use.
 """
 
 from __future__ import annotations
 
+import dataclasses
+import json
+from collections.abc import Iterator, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +22,22 @@ from .errors import ConfigError
 from .parameters import Scenes
 
 GROUP = "posterior"
-OWNER, TIED, USABLE, VERDICT = "owner", "keys", "usable", "verdict"
-"""Attributes: of a variable, the class that its number belongs to and all of its keys; of the group, 0 where the
-diagnostics forbid its use, and why."""
+OWNER, TIED, LAWS, USABLE, VERDICT = "owner", "keys", "laws", "usable", "verdict"
+"""Attributes: of a variable, the class that its number belongs to, all of its keys, and the laws that it was found by
+(JSON; files of before have none); of the group, 0 where the diagnostics forbid its use, and why."""
+
+NO_LAWS = ("symmetry", "hold", "searching")
+"""Choices that say how a scene is computed, or what holds the finger, and not how the actuator behaves."""
+
+IDLE = {
+    ("drive", "cell"): ("section", "inclination", "combination", "moment_spread"),
+    ("drive", "small_strain"): ("inclination",),
+    ("model", "arc"): ("bending",),
+}
+"""Choices that have no part beside others."""
+
+Laws = dict[str, list[Any]]
+"""Values of choices, by the name of the choice."""
 
 
 class Drawn(NamedTuple):
@@ -30,6 +46,8 @@ class Drawn(NamedTuple):
     number: Varied
     values: np.ndarray
     """In SI, all chains one after the other."""
+    laws: Laws = {}
+    """Of the scenes that it was fitted with; nothing where the file does not say."""
 
 
 def read_draws(scenes: Scenes, path: Path, where: str) -> list[Drawn]:
@@ -65,7 +83,7 @@ def read_draws(scenes: Scenes, path: Path, where: str) -> list[Drawn]:
                 f"{where}: the posterior {str(path)!r} is of another scene: its {key} is a number of {own[OWNER]}, and "
                 f"here it is one of {owner}."
             )
-        found.append(Drawn(number, column * number.unit))
+        found.append(Drawn(number, column * number.unit, json.loads(own.get(LAWS, "{}"))))
     if not found:
         raise ConfigError(
             f"{where}: the posterior {str(path)!r} is of another scene: it holds {', '.join(columns) or 'nothing'}, "
@@ -79,6 +97,52 @@ def owner_of(scenes: Scenes, name: str) -> str:
     path = name.split("=")[0].strip().split(".")
     scene = scenes[path.pop(0)] if path[0] in scenes else next(s for s in scenes.values() if hasattr(s, path[0]))
     return type(reduce(getattr, path[:-1], scene)).__name__
+
+
+def laws_of(scene: Any) -> dict[str, Any]:
+    """The choices of a scene and its parts that say how the actuator behaves, by name: drive, model, inclination."""
+    found: dict[str, Any] = {}
+    for node in _parts(scene):
+        if hasattr(node, "MODEL"):
+            found.setdefault("model", node.MODEL)
+        for field in dataclasses.fields(node):
+            value = getattr(node, field.name)
+            if ("allowed" in field.metadata or isinstance(value, bool)) and field.name not in NO_LAWS:
+                # What is neither a name nor a switch is a law that somebody wrote.
+                own = (
+                    value if isinstance(value, bool) else str(value) if isinstance(value, str) else type(value).__name__
+                )
+                found.setdefault(field.name, own)
+    idle = {name for (law, value), names in IDLE.items() if found.get(law) == value for name in names}
+    return {name: value for name, value in found.items() if name not in idle}
+
+
+def other_laws(scenes: Scenes, found: Sequence[Drawn]) -> list[str]:
+    """A sentence for every scene that treats numbers of a posterior by other laws than those they were found with."""
+    said = []
+    for name, scene in scenes.items():
+        own = laws_of(scene)
+        theirs: dict[str, dict[Any, None]] = {}
+        for one in found:
+            heads = [path.strip().split(".")[0] for path in one.number.name.split("=")]
+            if len(scenes) == 1 or name in heads:
+                for law, values in one.laws.items():
+                    theirs.setdefault(law, {}).update(dict.fromkeys(values))
+        differing = [law for law in theirs if law in own and own[law] not in theirs[law]]
+        if differing:
+            that = " and ".join(f"{law} = {' or '.join(map(json.dumps, theirs[law]))}" for law in differing)
+            this = " and ".join(f"{law} = {json.dumps(own[law])}" for law in differing)
+            which = "this scene" if len(scenes) == 1 else f"the scene {name}"
+            said.append(f"The numbers were found with {that}; {which} has {this}: they belong to that model.")
+    return said
+
+
+def _parts(module: Any) -> Iterator[Any]:
+    """A module and all parts of it."""
+    if dataclasses.is_dataclass(module) and not isinstance(module, type):
+        yield module
+        for field in dataclasses.fields(module):
+            yield from _parts(getattr(module, field.name))
 
 
 def _is_key(scenes: Scenes, key: str, where: str) -> bool:

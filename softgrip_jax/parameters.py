@@ -75,6 +75,8 @@ class Parameters:
         self.scenes = dict(scenes)
         self.names: list[str] = []
         """One per entry of the vector."""
+        self.tied: list[str] = []
+        """The same with all that moves as one, joined by '='."""
         self.kinds: list[str] = []
         self.sizes: list[int] = []
         """Entries of each leaf."""
@@ -93,8 +95,9 @@ class Parameters:
                 if value.shape != found[0].shape:
                     raise InputError(f"The tied leaves of {leaf.name!r} have different shapes.")
             values = np.asarray(found[0], dtype=float).ravel()
-            short = leaf.name.split("=")[0].strip()
-            names = [short] if found[0].ndim == 0 else [f"{short}[{i}]" for i in range(values.size)]
+            all_tied = [part.strip() for part in leaf.name.split("=")]
+            places = [""] if found[0].ndim == 0 else [f"[{i}]" for i in range(values.size)]
+            names = [all_tied[0] + place for place in places]
             for name in names:
                 if name in self.names:
                     raise InputError(f"Variable {name!r} is given twice.")
@@ -106,6 +109,7 @@ class Parameters:
                     )
                 moved_by[place] = leaf.name
             self.names += names
+            self.tied += [" = ".join(part + place for part in all_tied) for place in places]
             self.kinds += [kind] * values.size
             self.sizes.append(values.size)
             self._getters.append(getter)

@@ -114,6 +114,12 @@ def keys(settings: Settings) -> list[tuple[str, str]]:
     return found
 
 
+def names(settings: Settings) -> list[str]:
+    """The same without their units, as scenes have them: what stands beside a value in SI."""
+    calibration = settings.calibration
+    return [*settings.space.names, *(calibration.fitting.space.names if calibration is not None else [])]
+
+
 def values(settings: Settings, known: AsBuilt) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(drawn, built, standard deviation) of the numbers, and then of the parameters of the fit."""
     drawn, built = known.drawn, known.built
@@ -207,19 +213,24 @@ def elasticities(settings: Settings, scenes: dict[str, Any], tell: Tell) -> list
 
 def rows(settings: Settings, known: AsBuilt) -> list[dict[str, Any]]:
     """The table of the numbers, in the units of their keys."""
-    found = []
-    for (key, kind), was, now, deviation in zip(keys(settings), *values(settings, known), strict=True):
-        unit = DISPLAY[kind][1]
-        found.append(
-            {
-                "number": key,
-                "drawn": was / unit,
-                "built": now / unit,
-                "low_95": (now - NORMAL_95 * deviation) / unit,
-                "high_95": (now + NORMAL_95 * deviation) / unit,
-            }
-        )
-    return found
+    units = [DISPLAY[kind][1] for _, kind in keys(settings)]
+    return [
+        {"number": key} | {name: value / unit for name, value in ends.items()}
+        for (key, _), unit, ends in zip(keys(settings), units, _ends(settings, known), strict=True)
+    ]
+
+
+def _ends(settings: Settings, known: AsBuilt) -> list[dict[str, float]]:
+    """Of each number what was drawn and what was built, with the ends of its 95 % interval, SI."""
+    return [
+        {
+            "drawn": float(was),
+            "built": float(now),
+            "low_95": float(now - NORMAL_95 * deviation),
+            "high_95": float(now + NORMAL_95 * deviation),
+        }
+        for was, now, deviation in zip(*values(settings, known), strict=True)
+    ]
 
 
 def record(
@@ -228,7 +239,9 @@ def record(
     """All of it as plain data, SI; null for what is not known of the drawn design."""
     return {
         "units": "SI",
-        "numbers": rows(settings, known),
+        "numbers": [
+            {"number": name} | ends for name, ends in zip(names(settings), _ends(settings, known), strict=True)
+        ],
         "status": answer and answer.status.name,
         "reason": answer and answer.reason,
         "observables": [

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from softgrip_jax.config import ConfigError
+from softgrip_jax.config.csv_text import MARKS, uncommented
 from softgrip_jax.errors import InputError
 from softgrip_jax.units import DISPLAY, degree, number_of
 
@@ -180,11 +181,11 @@ def decoded(content: bytes, path: Path) -> str:
 
 def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """(names of the columns, numbered rows under them)."""
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
+    lines = [(n, line) for n, line in enumerate(uncommented(text), 1) if line.strip()]
     if not lines:
         raise ConfigError(f"{path}: the file is empty.")
     for k, (_, line) in enumerate(lines):
-        for mark in ",;\t":
+        for mark in MARKS:
             header = [cell.strip() for cell in next(csv.reader([line], delimiter=mark))]
             if all(header.count(name) == 1 for name in names):
                 rest = [(n, next(csv.reader([text], delimiter=mark))) for n, text in lines[k + 1 :]]

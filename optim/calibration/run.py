@@ -48,7 +48,7 @@ from .drives import Rival
 from .fit import Fit, calibrate
 from .points import points_of
 from .provenance import material_text, provenance
-from .report import STOPPED, Findings, autocorrelation, examine, is_determined, report, with_rival
+from .report import STOPPED, Findings, autocorrelation, examine, is_determined, is_to_quote, report, with_rival
 
 OWN_FILES = ("points.csv", "result.json", "summary.txt")
 """Files of the run whose names a measured file may have."""
@@ -171,6 +171,10 @@ def _lines(findings: Findings) -> list[str]:
         for one in findings.intervals:
             ends = f"{one.low[j] / unit:.6g} to {one.high[j] / unit:.6g}"
             text += f", 95 % {ends} ({one.method})" if is_determined(fit, j) else ", not determined by the data"
+        specimens = findings.specimens
+        if specimens is not None and is_to_quote(fit, specimens, j):
+            ends = f"{specimens.low[j] / unit:.6g} to {specimens.high[j] / unit:.6g}"
+            text += f"; the specimens differ by more than the noise explains: quote 95 % {ends} (mean of the specimens)"
         lines.append(text)
     return lines
 
@@ -229,6 +233,13 @@ def _summary(findings: Findings) -> dict[str, Any]:
         "on_bound": [space.names[j] for j in np.flatnonzero(fit.on_bound)],
         "curves": curves,
         "specimens": None if specimens is None else dict(zip(specimens.names, map(vector, specimens.x), strict=True)),
+        "interval_over_specimens": None
+        if specimens is None
+        else {
+            "low": vector(specimens.low),
+            "high": vector(specimens.high),
+            "to_quote": [name for j, name in enumerate(space.names) if is_to_quote(fit, specimens, j)],
+        },
         "not_told_apart": [list(d.names) for d in findings.directions],
         "remarks": list(findings.remarks),
         "other_drive": None if rival is None else _other(rival, vector),

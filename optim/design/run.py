@@ -109,6 +109,8 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
 
             def tell_all(console: Console) -> None:
                 report(result, console, other)
+                for sentence in wanted.remarks:
+                    console.print(sentence, soft_wrap=True, markup=False, highlight=False)
                 if robust:
                     robust_report.tell(wanted.problem, result, robust, console)
                 if missed:
@@ -201,8 +203,8 @@ def _write(
         comment += f"\nThe search was stopped {where}."
     if not best.feasible:
         comment += "\nIt is NOT feasible: no design that keeps every constraint was found."
-    if missed:
-        comment += f"\n{missed}"
+    for sentence in filter(None, (*wanted.remarks, missed)):
+        comment += f"\n{sentence}"
     scenes, kept = as_given(read, best_scenes(result))
     name, at = settings.asked_first(problem)
     text = configs.dump(scenes, comment, **settings.question(at, scenes[name]), **kept)
@@ -269,7 +271,7 @@ def _summary(problem: Problem, wanted: settings.Settings, result: SearchResult) 
         "best": in_si(problem, result.best),
         "start": in_si(problem, result.reference),
         "distinct_designs": len(result.designs),
-        "remarks": [*result.remarks, *beyond_law(problem, result.best.x)],
+        "remarks": [*wanted.remarks, *result.remarks, *beyond_law(problem, result.best.x)],
         "stopped": result.stopped,
         "search": wanted.arguments,
         "solves": result.solves,

@@ -110,6 +110,8 @@ class Settings:
     """What scatters, where a robust design is wanted."""
     of_search: dict[str, Any] = dataclasses.field(default_factory=dict)
     """The arguments of `search` where `arguments` are those of a front."""
+    remarks: tuple[str, ...] = ()
+    """Sentences about numbers that are not as the config says."""
 
     def without_front(self) -> Settings:
         """One search of all goals, added up."""
@@ -122,10 +124,10 @@ def read(config: configs.Config) -> Settings:
     if "design" not in config.tables:
         raise ConfigError(f"{config.path}: there is no section [design], which says what to search for.")
     table = configs.validated(DesignTable, config.tables["design"], where)
-    scenes, draws, uncertain = config.scenes, None, table.uncertain
+    scenes, draws, remarks, uncertain = config.scenes, None, (), table.uncertain
     if uncertain is not None:
         _require_alone(table, where)
-        scenes, draws = scenes_of_posterior(scenes, uncertain, config.path.parent, where)
+        scenes, draws, remarks = scenes_of_posterior(scenes, uncertain, config.path.parent, where)
     with located(where):
         variables = [_variable(scenes, v, where) for v in table.variables]
         goals = [goal for g in table.goals for goal in _goals(scenes, g, where)]
@@ -155,7 +157,7 @@ def read(config: configs.Config) -> Settings:
         if uncertain is not None:
             scattered = read_uncertain(uncertain, space, draws, required, where)
             require_counted(problem, scattered, where)
-        return Settings(problem, of_search, False, scattered)
+        return Settings(problem, of_search, False, scattered, remarks=remarks)
     if len(problem.goals) not in (2, 3):
         raise ConfigError(f"{where}: a front is between two or three goals; there are {len(problem.goals)}.")
     of_front = {"points": table.front, "starts": table.starts, "seed": table.seed}

@@ -3,8 +3,9 @@
 posterior.nc is netCDF with the groups that ArviZ knows:
 
     posterior        dims chain, draw: each parameter by its key and in its unit (of the next part where there are
-                     several specimens), "mean of KEY" and "scatter of KEY" of their population, "KEY of the specimens",
-                     noise and model error of each curve
+                     several specimens), with the laws of the scenes that it was fitted with (drive, model ...);
+                     "mean of KEY" and "scatter of KEY" of their population, "KEY of the specimens", noise and model
+                     error of each curve
     sample_stats     diverging, energy, n_steps, acceptance_rate
     observed_data    y of the fitted points, with x, curve and specimen beside it, SI
     log_likelihood   log p(y_i | y_-i, theta) of some of the draws
@@ -13,19 +14,23 @@ posterior.nc is netCDF with the groups that ArviZ knows:
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from rich.console import Console
 
 from softgrip_jax.config.keys import Varied
-from softgrip_jax.draws import GROUP, OWNER, TIED, USABLE, VERDICT, owner_of
+from softgrip_jax.draws import GROUP, LAWS, OWNER, TIED, USABLE, VERDICT, Laws, laws_of, owner_of
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
+from ..calibration.model import Fitting
 from ..calibration.points import points_of
 from .evidence import ROUGH
 from .posterior import Posterior
@@ -49,6 +54,19 @@ def safe(name: str) -> str:
     return name.replace("/", "_")
 
 
+def laws_behind(fitting: Fitting, j: int) -> Laws:
+    """The laws of the scenes that an entry of the parameters moves and that curves were fitted with."""
+    given = fitting.given
+    # Where the models hold NaN in place of the entry, the entry is.
+    marked = given.scenes_at(jnp.asarray(np.where(np.arange(given.size) == j, np.nan, given.reference)))
+    laws: Laws = {}
+    for name in dict.fromkeys(curve.model for curve in fitting.curves if curve.fit):
+        if any(np.isnan(leaf).any() for leaf in jax.tree.leaves(marked[name])):
+            for law, value in laws_of(given.scenes[name]).items():
+                laws[law] = [*dict.fromkeys([*laws.get(law, []), value])]
+    return laws
+
+
 def write_file(folder: Path, found: Posterior, numbers: Sequence[Varied]) -> None:
     """posterior.nc."""
     import xarray as xr
@@ -63,6 +81,7 @@ def write_file(folder: Path, found: Posterior, numbers: Sequence[Varied]) -> Non
         about = {"units": label or "1", OWNER: owner_of(scenes, number.name), "long_name": fitting.space.names[j]}
         if key == number.key:  # an element of an array is no number that others may read
             about[TIED] = " ".join(number.keys)
+            about[LAWS] = json.dumps(laws_behind(fitting, j))
         data[key] = (two, found.next_part[..., j] / unit, about)
         if j in varying:
             tau = np.asarray(found.unknowns.tau)[..., varying[j]]

@@ -28,9 +28,10 @@ import numpy as np
 import pydantic
 
 from softgrip_jax.config.keys import Seed, Table, varied
-from softgrip_jax.draws import read_draws
+from softgrip_jax.draws import Drawn, other_laws, read_draws
 from softgrip_jax.errors import ConfigError, InputError, located
 from softgrip_jax.parameters import Parameter, Parameters, Scenes
+from softgrip_jax.results import in_units
 from softgrip_jax.units import DISPLAY
 
 from ..problem import Limits, Problem
@@ -108,12 +109,21 @@ class Uncertain:
     budget: bool
 
 
-def scenes_of_posterior(scenes: Scenes, table: UncertainTable, folder: Path, where: str) -> tuple[Scenes, Draws | None]:
-    """The scenes with the numbers of a posterior at their means, and its draws."""
+def scenes_of_posterior(
+    scenes: Scenes, table: UncertainTable, folder: Path, where: str
+) -> tuple[Scenes, Draws | None, tuple[str, ...]]:
+    """The scenes with the numbers of a posterior at their means, its draws, and a sentence for every number that is not
+    as the config says, and for laws that are not those of the posterior."""
     if table.posterior is None:
-        return scenes, None
-    draws = _draws(scenes, folder / table.posterior, where)
-    return Parameters(scenes, [Parameter(name) for name in draws.names]).scenes_at(jnp.asarray(draws.mean)), draws
+        return scenes, None, ()
+    draws, found = _draws(scenes, folder / table.posterior, where)
+    known = Parameters(scenes, [Parameter(name) for name in draws.names])
+    said = [
+        f"{name} is at its mean of the posterior, {in_units(mean, kind)}; the config says {in_units(given, kind)}."
+        for name, kind, mean, given in zip(known.tied, known.kinds, draws.mean, known.reference, strict=True)
+        if in_units(mean, kind) != in_units(given, kind)
+    ]
+    return known.scenes_at(jnp.asarray(draws.mean)), draws, (*said, *other_laws(scenes, found))
 
 
 def read(table: UncertainTable, space: Space, draws: Draws | None, limits: list[Limits], where: str) -> Uncertain:
@@ -258,11 +268,11 @@ def _correlation(keys: list[str], table: UncertainTable, where: str) -> np.ndarr
     return matrix
 
 
-def _draws(scenes: Scenes, path: Path, where: str) -> Draws:
-    """The draws of a posterior's file whose names are keys of the scenes."""
+def _draws(scenes: Scenes, path: Path, where: str) -> tuple[Draws, list[Drawn]]:
+    """The draws of a posterior's file whose names are keys of the scenes, jointly and one by one."""
     found = read_draws(scenes, path, where)
     names, values = [one.number.name for one in found], [one.values for one in found]
     try:
-        return Draws(tuple(names), np.stack(values, axis=1))
+        return Draws(tuple(names), np.stack(values, axis=1)), found
     except InputError as error:
         raise ConfigError(f"{where}: {error}") from None

@@ -37,7 +37,7 @@ def run_predict(
     import jax.numpy as jnp
 
     from .. import config as configs
-    from ..draws import read_draws
+    from ..draws import other_laws, read_draws
     from ..parameters import Parameter, Parameters, ready
     from ..questions import pressure_for, solve
 
@@ -65,6 +65,7 @@ def run_predict(
         one(jnp.asarray(values[0]))  # what cannot be asked of the scene is said before anything is compiled
         states = jax.tree.map(np.asarray, jax.jit(jax.vmap(one))(jnp.asarray(values)))
     told = _summary(read.scene, found, values, states, at_pressure)
+    told["remarks"] = other_laws(read.scenes, found)
     if as_json:
         typer.echo(json.dumps({k: v for k, v in told.items() if k != "kinds"}, indent=2, allow_nan=False))
     else:
@@ -73,7 +74,7 @@ def run_predict(
 
 
 def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pressure: bool) -> dict[str, Any]:
-    """Plain data in SI."""
+    """Plain data in SI, its numbers by their names without unit, as the result.json of a calibration has them."""
     from ..config.modules import type_name
     from ..reasons import Reason
     from ..results import Status
@@ -85,6 +86,7 @@ def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pres
     columns = ({} if given_pressure else {"pressure": pressure}) | {
         n: observables[n] for n in kinds if n in observables
     }
+    numbers = {one.number.name.split(" = ")[0]: one.number.kind for one in found}
     told: dict[str, Any] = {}
     for name, column in columns.items():
         for part, own in zip((".x", ".y"), column.T, strict=True) if column.ndim == 2 else (("", column),):
@@ -102,10 +104,10 @@ def _summary(scene: Any, found: Any, values: np.ndarray, states: Any, given_pres
         "statuses": {Status(int(k)).name: count for k, count in Counter(status.tolist()).items()},
         "reasons": words,
         "pressure": float(pressure[0]) if given_pressure else None,
-        "parameters": {one.number.key: interval(values[:, k]) for k, one in enumerate(found)},
+        "parameters": {name: interval(values[:, k]) for k, name in enumerate(numbers)},
         "observables": told,
-        "units": {one.number.key: SI[one.number.kind] for one in found} | {n: SI[kind] for n, kind in kinds.items()},
-        "kinds": {one.number.key: one.number.kind for one in found} | kinds,
+        "units": {n: SI[kind] for n, kind in (numbers | kinds).items()},
+        "kinds": numbers | kinds,
     }
 
 
@@ -154,12 +156,15 @@ def _report(scene: Any, told: dict[str, Any], posterior: Path, console: Console)
         soft_wrap=True,
         highlight=False,
     )
+    for sentence in told["remarks"]:
+        console.print(sentence, soft_wrap=True, markup=False, highlight=False)
+    # Numbers that were fitted by another law make up for the errors of that one.
+    made_up = "" if told["remarks"] else "; those of a calibration make up for part of that"
     for name in told["observables"]:
         known = model_error(scene, name)
         if known:
             console.print(
-                f"{name.replace('_', ' ')}: {known}, with numbers as they are; those of a calibration make up for part "
-                "of that.",
+                f"{name.replace('_', ' ')}: {known}, with numbers as they are{made_up}.",
                 soft_wrap=True,
                 highlight=False,
             )

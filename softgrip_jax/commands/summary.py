@@ -15,7 +15,7 @@ from ..errors import ConfigError
 from ..folders import write_whole
 from ..quantities import shown
 from ..reasons import Reason
-from ..study.dataset import designs_in, loaded, quantities_of, rows_of, varied_in
+from ..study.dataset import designs_in, loaded, quantities_of, rows_of, tied_in, varied_in
 from ..study.store import opened
 from ..study.summary import best, condition, known_key, quantiles, reason_counts
 from ..tables import Table
@@ -91,7 +91,7 @@ def _tell_best(
         return []
     names = [*varied_in(data), *quantities_of(data)]
     table = Table(title=f"The best of {allowed} designs that may be chosen", title_justify="left")
-    for head in ("design", *(data[n].attrs["long_name"] if n in data.data_vars else n for n in names)):
+    for head in ("design", *(data[n].attrs["long_name"] if n in data.data_vars else tied_in(data, n) for n in names)):
         table.add_column(head, justify="right")
     found = []
     for k, number in enumerate(chosen.tolist()):

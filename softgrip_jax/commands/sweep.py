@@ -7,8 +7,9 @@
                                               points = 21
 
 method: "grid" (points per variable, or a list `values`), "latin_hypercube" or "sobol" (`samples`, `seed`; low and high
-per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all; with
-[[sweep.variables]] only those columns are read). Names and states are those of `softgrip_jax.config.keys`.
+per variable), or "csv" (`file`, beside the config; its columns are named as variables are, units and all, tied ones
+"shell.a_mm = shell.b_mm"; with [[sweep.variables]] only those columns are read; commas, semicolons or tabs part them,
+and lines that begin with # are comments). Names and states are those of `softgrip_jax.config.keys`.
 
 The folder: config.toml, study.zarr (read it with `sg.load_study`), a picture, summary.txt, report.html and,
 where asked for, study.csv.
@@ -35,6 +36,7 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
+from ..config.csv_text import MARKS, uncommented
 from ..config.keys import ObservableTable, Seed, Table, Varied, observed, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
@@ -47,7 +49,7 @@ from ..report.run import NAME, WORDS, tell_and_keep, write_report
 from ..results import Status
 from ..study import Designs, Grid, LatinHypercube, Range, Sobol, Study, run_in
 from ..study import Table as TableOfDesigns
-from ..study.dataset import status_name, write_csv
+from ..study.dataset import status_name, tied_keys, write_csv
 from ..study.store import BEGUN, STORE, address_of, opened
 from ..study.summary import reason_counts
 from ..units import number_of
@@ -137,38 +139,76 @@ def _spread(table: SweepTable, numbers: list[Varied], where: str) -> Designs:
 def _from_csv(
     config: configs.Config, path: Path, numbers: list[Varied], where: str
 ) -> tuple[list[Varied], TableOfDesigns]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            header, *lines = list(csv.reader(file)) or [[]]
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{where}: {path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    header = [name.strip() for name in header]
-    missing = [number.key for number in numbers if number.key not in header]
-    if missing:
-        raise ConfigError(f"{where}: there is no column {missing[0]!r} in {path}; it has {', '.join(header)}.")
-    places = [header.index(number.key) for number in numbers]
+    (first, header), *lines = table_of_designs(path, where)
+    places = [_place(number, header, f"{path}, line {first}") for number in numbers]
     if not numbers:
-        numbers = [varied(config.scenes, [k.strip() for k in name.split("=")], f"{path}, line 1") for name in header]
+        numbers = [_of_column(config, name, f"{path}, line {first}") for name in header]
         places = list(range(len(header)))
     rows = []
-    for count, line in enumerate(lines, start=2):
-        if not any(cell.strip() for cell in line):
-            continue
+    for count, line in lines:
         spot, row = f"{path}, line {count}", []
-        if any(cell.strip() for cell in line[len(header) :]):
+        if any(line[len(header) :]):
             raise ConfigError(
                 f"{spot}: there are {len(line)} cells below {len(header)} columns; a decimal comma must be a point."
             )
         for place, number in zip(places, numbers, strict=True):
-            cell = line[place].strip() if place < len(line) else ""
+            cell = line[place] if place < len(line) else ""
             value = number_of(cell)
             if value is None:
-                raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number.")
+                hint = " with a decimal point" if number_of(cell.replace(",", ".", 1)) is not None else ""
+                raise ConfigError(f"{spot}: {number.key} is {cell!r}; it must be a number{hint}.")
             row.append(number.checked(value, "the value", spot))
         rows.append(row)
     if not rows:
         raise ConfigError(f"{path} has no rows of designs below its header.")
     return numbers, TableOfDesigns(np.array(rows))
+
+
+def table_of_designs(path: Path, where: str) -> list[tuple[int, list[str]]]:
+    """The header of a CSV of designs and then its rows, each with the number of its line; never empty. What parts the
+    columns is what parts the header into most of them."""
+    try:
+        lines = uncommented(path.read_text(encoding="utf-8-sig"))
+        head = next((line for line in lines if line.strip()), "")
+        mark = max(MARKS, key=lambda mark: len(next(csv.reader([head], delimiter=mark), [])))
+        reader = csv.reader(lines, delimiter=mark)
+        table = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{where}: {path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
+    table = [(number, row) for number, row in table if any(row)]
+    if not table:
+        raise ConfigError(f"{where}: {path} is empty; its first line must name the columns.")
+    header = [" = ".join(keys_in(name)) for name in table[0][1]]
+    while not header[-1]:  # a comma at the end of the line
+        header.pop()
+    return [(table[0][0], header), *table[1:]]
+
+
+def keys_in(column: str) -> list[str]:
+    """The keys of a column, tied ones joined by '='."""
+    return [key.strip() for key in column.split("=")]
+
+
+def _place(number: Varied, header: list[str], where: str) -> int:
+    """Which column is a number: by its key, or by those of all that are tied, as study.csv names them."""
+    known = {number.key, " = ".join(number.keys), tied_keys(number.name, number.kind)}
+    places = [place for place, name in enumerate(header) if name in known]
+    if not places:
+        raise ConfigError(f"{where}: there is no column {number.key!r}; there are {', '.join(header)}.")
+    if places[1:]:
+        raise ConfigError(
+            f"{where}: {len(places)} columns are called {header[places[0]]!r}; one that is read must be there once."
+        )
+    return places[0]
+
+
+def _of_column(config: configs.Config, column: str, where: str) -> Varied:
+    try:
+        return varied(config.scenes, keys_in(column), where)
+    except ConfigError as error:
+        raise ConfigError(
+            f"{str(error).rstrip('.')} (where a table has other columns, too, [[sweep.variables]] picks those to read)."
+        ) from None
 
 
 QUICK = 1_000_000

@@ -6,7 +6,6 @@ there is none, the numbers of the design go into the scene of the page.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import math
 from collections import deque
@@ -24,7 +23,7 @@ from bokeh.palettes import Viridis256
 from panel.models.plotly import PlotlyPlot
 
 from .. import config as configs
-from ..commands.sweep import SweepTable
+from ..commands.sweep import SweepTable, keys_in, table_of_designs
 from ..config.keys import observed, varied
 from ..errors import ConfigError, InputError
 from ..parameters import Parameter, Parameters
@@ -180,8 +179,7 @@ def _config_of(folder: Path, root: Path, names: list[str]) -> tuple[Parameters |
     if not keys:  # the columns of a CSV are named as variables are
         file = folder / str(table.file)
         _require_inside([file], file, root)
-        with file.open(newline="", encoding="utf-8-sig") as lines:  # as `commands.sweep` reads it
-            keys = [[key.strip() for key in column.split("=")] for column in next(csv.reader(lines), [])]
+        keys = [keys_in(column) for column in table_of_designs(file, str(path))[0][1]]
     whole = {}
     for key in keys:
         name = varied(read.scenes, key, where).name

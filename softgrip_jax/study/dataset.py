@@ -29,6 +29,8 @@ from .designs import Grid
 
 DESIGN, BY = "design", "by"
 SLOPE_OF, STATUS_OF, REASON_OF = "slope_of_", "status_", "reason_"
+TIED = "tied"
+"""The attribute of a varied number that names all that moves with it, joined by '='; stores of before have none."""
 TITLE = {"title": "parameter study", "source": f"softgrip_jax {__version__}"}
 
 PIECE = 1 << 18
@@ -55,8 +57,8 @@ def columns(study: Any) -> list[Column]:
     leaves, asked, dims = study.leaves, study.asked, dims_of(study)
     found = []
     if not isinstance(study.designs, Grid):
-        for k, (name, kind) in enumerate(zip(leaves.names, leaves.kinds, strict=True)):
-            found.append(Column(name, dims, float, _attributes(name, kind), lambda rows, _, k=k: rows[:, k]))
+        for k, (name, words) in enumerate(_of_varied(leaves).items()):
+            found.append(Column(name, dims, float, words, lambda rows, _, k=k: rows[:, k]))
     for k, (label, kind) in enumerate(zip(asked.labels(), asked.kinds, strict=True)):
         words = _attributes(label, kind) | {"status": status_name(study, asked.state_of[k])}
         found.append(Column(variable_name(label), dims, float, words, lambda _, part, k=k: part["values"][:, k]))
@@ -78,8 +80,8 @@ def axes(study: Any) -> dict[str, tuple[str, Any, dict[str, Any]]]:
     """Coordinates that are known beforehand: the axes of a grid."""
     leaves, found = study.leaves, {}
     if isinstance(study.designs, Grid):
-        for name, kind, axis in zip(leaves.names, leaves.kinds, study.designs.axes, strict=True):
-            found[name] = (name, axis, _attributes(name, kind))
+        for (name, words), axis in zip(_of_varied(leaves).items(), study.designs.axes, strict=True):
+            found[name] = (name, axis, words)
     return found
 
 
@@ -135,6 +137,14 @@ def _attributes(label: str, kind: str) -> dict[str, str]:
     return {"long_name": label.replace("_", " "), "units": SI[kind] or "1", "kind": kind}
 
 
+def _of_varied(leaves: Any) -> dict[str, dict[str, str]]:
+    """The attributes of every varied number by its name, which is that of the first where several are tied."""
+    return {
+        name: _attributes(name, kind) | ({TIED: tied} if tied != name else {})
+        for name, tied, kind in zip(leaves.names, leaves.tied, leaves.kinds, strict=True)
+    }
+
+
 # --- a Dataset of any size, in parts ----------------------------------------------------------------------------------
 
 
@@ -144,6 +154,21 @@ def quantities_of(data: xr.Dataset) -> list[str]:
 
 def varied_in(data: xr.Dataset) -> list[str]:
     return [str(name) for name in data.coords if name != BY]
+
+
+def tied_in(data: xr.Dataset, name: str) -> str:
+    """A varied number with all that is tied to it, "shell.a = shell.b"; a name that is not tied as it is."""
+    return data[name].attrs.get(TIED, name)
+
+
+def tied_keys(tied: str, kind: str) -> str:
+    """The same with units, as a column of a CSV is called and read: "shell.a_mm = shell.b_mm"."""
+    return " = ".join(unit_key(part, kind) for part in tied.split(" = "))
+
+
+def column_of(data: xr.Dataset, name: str) -> str:
+    """What CSV calls a variable, with its unit."""
+    return tied_keys(tied_in(data, name), data[name].attrs["kind"])
 
 
 def states_of(data: xr.Dataset) -> list[str]:
@@ -221,7 +246,8 @@ def designs_in(data: xr.Dataset) -> int:
 
 
 def write_csv(data: xr.Dataset, path: Path) -> None:
-    """All designs as CSV: one row per design, units in the names of the columns, statuses and reasons by name."""
+    """All designs as CSV: one row per design, units in the names of the columns, statuses and reasons by name. The
+    column of tied numbers names them all, as the reader of designs takes it."""
     numbers, names = varied_in(data), quantities_of(data)
     states = states_of(data)
     slopes = [SLOPE_OF + name for name in names if SLOPE_OF + name in data]
@@ -233,7 +259,7 @@ def write_csv(data: xr.Dataset, path: Path) -> None:
             table: dict[str, list[Any]] = {}
             for name in numbers:
                 kind = data[name].attrs["kind"]
-                table[unit_key(name, kind)] = (part[name] / DISPLAY[kind][1]).tolist()
+                table[column_of(data, name)] = (part[name] / DISPLAY[kind][1]).tolist()
             for name in states:
                 table[name] = [words[Status][s] for s in part[name]]
                 table[reason_of(name)] = [words[Reason][r] for r in part[reason_of(name)].tolist()]
@@ -244,7 +270,7 @@ def write_csv(data: xr.Dataset, path: Path) -> None:
                 for j, by in enumerate(numbers if SLOPE_OF + name in data else ()):
                     by_kind = data[by].attrs["kind"]
                     slope = part[SLOPE_OF + name][:, j] * (DISPLAY[by_kind][1] / unit)
-                    table[f"d_{key}_by_{unit_key(by, by_kind)}"] = slope.tolist()
+                    table[f"d_{key}_by_{column_of(data, by)}"] = slope.tolist()
             if number == 0:
                 writer.writerow(table)
             writer.writerows(zip(*table.values(), strict=True))

@@ -13,8 +13,19 @@ import xarray as xr
 from ..errors import InputError
 from ..reasons import Reason
 from ..results import Status
-from ..units import DISPLAY, unit_key
-from .dataset import answers, blocks_of, pieces, quantities_of, read, reason_of, states_of, varied_in
+from ..units import DISPLAY, number_of, unit_key
+from .dataset import (
+    answers,
+    blocks_of,
+    column_of,
+    pieces,
+    quantities_of,
+    read,
+    reason_of,
+    states_of,
+    tied_in,
+    varied_in,
+)
 
 DIGIT = 16
 """Binary digits of a number that are counted in one pass over the study: four passes, and 65536 counts for each."""
@@ -111,27 +122,62 @@ COMPARISONS = {"<=": operator.le, ">=": operator.ge, "<": operator.lt, ">": oper
 def keys_of(data: xr.Dataset) -> dict[str, tuple[str, float]]:
     """The names of columns as CSV has them, with their unit: (name of the variable, that unit in SI)."""
     names = [*varied_in(data), *quantities_of(data)]
-    return {unit_key(n, data[n].attrs["kind"]): (n, DISPLAY[data[n].attrs["kind"]][1]) for n in names}
+    return {column_of(data, name): (name, DISPLAY[data[name].attrs["kind"]][1]) for name in names}
+
+
+def _other_keys(data: xr.Dataset) -> dict[str, str]:
+    """What else a varied number is called: by each of the names that are tied, and by the key of a config that moves it
+    in several scenes, which names none of them. A name of two numbers is left out."""
+    found: dict[str, set[str]] = {}
+    for name in varied_in(data):
+        tied, kind = tied_in(data, name).split(" = "), data[name].attrs["kind"]
+        within = [part.partition(".")[2] for part in tied]
+        for other in (*tied, *(part for part in within if within.count(part) > 1)):
+            found.setdefault(unit_key(other, kind), set()).add(name)
+    return {key: next(iter(names)) for key, names in found.items() if len(names) == 1}
 
 
 def known_key(data: xr.Dataset, key: str) -> tuple[str, float]:
-    keys = keys_of(data)
-    if key not in keys:
+    """(the variable that a key names, the unit of the key in SI)."""
+    keys, plain = keys_of(data), " = ".join(part.strip() for part in key.split("="))
+    if plain in keys:
+        return keys[plain]
+    name = _other_keys(data).get(plain)
+    if name is None:
         raise InputError(f"There is no column {key!r} in the study; it has {', '.join(keys)}.")
-    return keys[key]
+    return name, DISPLAY[data[name].attrs["kind"]][1]
 
 
 def condition(data: xr.Dataset, words: str) -> Condition:
     """'shell.a_mm < 16' as a condition."""
-    parts = re.fullmatch(r"\s*(\S+)\s*(<=|>=|<|>)\s*(\S+)\s*", words)
-    try:
-        value = float(parts[3]) if parts else np.nan
-    except ValueError:
-        value = np.nan
-    if parts is None or not np.isfinite(value):
-        raise InputError(f"{words!r} is no condition; one is for instance {next(iter(keys_of(data)))!r} < 1.5.")
-    name, unit = known_key(data, parts[1])
-    return Condition(name, COMPARISONS[parts[2]], value * unit)
+    parts = re.fullmatch(r"\s*(.*?)\s*(<=|>=|<|>)\s*(.*?)\s*", words, re.DOTALL)
+    if parts is None:
+        raise _no_condition(data, words, "it has none of <, <=, > and >=")
+    key, comparison, text = parts.groups()
+    value = number_of(text)
+    if not key:
+        raise _no_condition(data, words, f"no column is named before {comparison}")
+    if number_of(key) is not None and value is None:
+        raise _no_condition(data, words, f"{key!r} stands where the name of a column must be")
+    if value is None or not np.isfinite(value):
+        raise _no_condition(data, words, f"{text!r} is not a finite number{_hint(text)}")
+    name, unit = known_key(data, key)
+    return Condition(name, COMPARISONS[comparison], value * unit)
+
+
+def _hint(text: str) -> str:
+    """What to do about a number that is none."""
+    if number_of(text.replace(",", ".", 1)) is not None and "," in text:
+        return " (write decimals with a point)"
+    head = re.fullmatch(r"(\S*\d)\s*[^\d\s.,<>=][^<>=]*", text)
+    return " (leave out the unit)" if head and number_of(head[1]) is not None else ""
+
+
+def _no_condition(data: xr.Dataset, words: str, why: str) -> InputError:
+    return InputError(
+        f"{words!r} is no condition: {why}; a condition is NAME <, <=, > or >= NUMBER, in the unit of the column, for "
+        f'instance --where "{next(iter(keys_of(data)))} < 1.5".'
+    )
 
 
 def best(

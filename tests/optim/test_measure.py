@@ -1,5 +1,6 @@
 """`softgrip measure`: numbers as built by closed forms of normal models, conflicts, the design file that follows."""
 
+import csv
 import dataclasses
 import json
 import tomllib
@@ -183,11 +184,16 @@ def test_from_measurements_to_a_design_file(tmp_path, capsys):
     assert float(built.scene.shell.t_m) == pytest.approx(1.2 * mm, rel=0.01)
     mu = float(built.scene.shell.material.mu)
     result = json.loads((out / "result.json").read_text())
-    row = next(row for row in result["numbers"] if row["number"] == "shell.material.mu_kPa")
-    assert row["low_95"] < 150 < row["high_95"]
-    assert row["built"] == pytest.approx(mu / kPa)
+    row = next(row for row in result["numbers"] if row["number"] == "shell.material.mu")
+    assert result["units"] == "SI"
+    assert row["low_95"] < 150 * kPa < row["high_95"]
+    assert row["built"] == pytest.approx(mu)
     # The curve knows the product of mu and t_m: what is not known of the wall is not known of mu.
-    wall = next(row for row in result["numbers"] if row["number"] == "shell.t_m_mm")
+    wall = next(row for row in result["numbers"] if row["number"] == "shell.t_m")
+    assert wall["built"] == pytest.approx(1.2 * mm, rel=0.01)
+    with (out / "numbers.csv").open(newline="") as file:
+        table = {line["number"]: float(line["built"]) for line in csv.DictReader(file)}
+    assert table["shell.material.mu_kPa"] == pytest.approx(mu / kPa)
     relative = [(one["high_95"] - one["low_95"]) / one["built"] for one in (row, wall)]
     assert relative[0] > 0.9 * relative[1]
     assert tomllib.loads((out / "as_built.toml").read_text())["solve"] == {"pressure_kPa": 8}

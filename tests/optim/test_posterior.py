@@ -29,6 +29,7 @@ from optim.posterior.evidence import scores
 from optim.posterior.posterior import posterior
 from optim.posterior.priors import Prior, Sampling, require_proper, weak
 from optim.posterior.sample import Sampled, advanced, kernel, sample
+from optim.posterior.write import laws_behind
 
 STRAIN = np.linspace(0.1, 1.0, 12)
 SHAPE = 1 + STRAIN - (1 + STRAIN) ** -2
@@ -272,6 +273,15 @@ def test_the_run_keeps_everything(finished, capsys):
         assert low < expected * kPa < high
         assert high - low < 0.3 * (mu["high"] - mu["low"])
     assert "agree" in told["remarks"][0]
+    # Specimens of 160, 175 and 190 kPa: the noise of each says nothing of how far they are apart.
+    over = json.loads((out / "result.json").read_text())["interval_over_specimens"]
+    assert over["to_quote"] == ["shell.material.mu"]
+    half = stats.t.ppf(0.975, 2) * np.std(np.log(MU), ddof=1) / np.sqrt(3)
+    ends = over["low"]["shell.material.mu"], over["high"]["shell.material.mu"]
+    np.testing.assert_allclose(ends, np.exp(np.mean(np.log(MU)) + np.array([-half, half])) * kPa, rtol=0.01)
+    comment = (out / "material.toml").read_text()
+    assert "differ by more than the noise explains: quote 95 % " in comment
+    assert "(mean of the specimens)" in comment
     page = (out / "report.html").read_text()
     assert "predictive.png" in page or "posterior.parameters" in page
 
@@ -280,6 +290,7 @@ def test_arviz_reads_the_file(finished):
     from optim.posterior.sample import extra
 
     data = extra().from_netcdf(str(finished / "out" / "posterior.nc"), engine="h5netcdf")
+    assert data.posterior["shell.material.mu_kPa"].attrs["laws"] == "{}"  # a tension test knows no model of a shell
     assert dict(data.posterior.sizes)["draw"] == 600
     table = extra().summary(data, var_names=["shell.material.mu_kPa", "scatter of shell.material.mu_kPa"])
     assert 160 < float(table["mean"].iloc[0]) < 190
@@ -301,6 +312,31 @@ def test_a_search_takes_the_file_for_its_parts(finished):
     assert len(draws.values) == 2400
 
 
+def test_the_file_says_by_which_laws_its_numbers_were_found():
+    """Those of the scenes that a number moves and that a curve was fitted with: a tension test has none."""
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=150 * kPa))
+    models = {
+        "free": sg.shell.Free(shell, model="energy"),
+        "plane": sg.shell.FlatContact(shell, distance=5 * mm),
+        "strip": optim.Tension(sg.NeoHookean(mu=150 * kPa)),
+    }
+    variables = [
+        optim.Variable("free.shell.material.mu = plane.shell.material.mu = strip.material.mu", 20 * kPa, 2000 * kPa),
+        optim.Variable("plane.distance", 1 * mm, 9 * mm),
+    ]
+    pressure, kind = np.linspace(2, 12, 6) * kPa, {"inflation": "length", "force": "force"}
+
+    def fitted(*wanted):
+        curves = [optim.Curve("test", "strip", "stress", "pressure", STRAIN, 150 * kPa * SHAPE)]
+        curves += [optim.Curve(m, m, q, kind[q], pressure, pressure * 1e-6) for m, q in wanted]
+        return [laws_behind(optim.Fitting(models, variables, curves), j) for j in range(2)]
+
+    assert fitted() == [{}, {}]
+    assert fitted(("free", "inflation")) == [{"model": ["energy"], "bending": [True]}, {}]
+    both = fitted(("free", "inflation"), ("plane", "force"))
+    assert both == [{"model": ["energy", "arc"], "bending": [True]}, {"model": ["arc"]}]
+
+
 def test_solve_gives_every_value_an_interval(finished, capsys):
     file = str(finished / "out" / "posterior.nc")
     words = ["solve", str(finished / "fit.toml"), "--posterior", file, "--draws", "200"]
@@ -308,7 +344,9 @@ def test_solve_gives_every_value_an_interval(finished, capsys):
     told = json.loads(capsys.readouterr().out)
     assert told["solved"] == told["draws"] == 200
     # The inflation falls as mu rises, so that its interval is that of mu, end for end.
-    ends, mu = told["observables"]["inflation"], told["parameters"]["shell.material.mu_kPa"]
+    ends, mu = told["observables"]["inflation"], told["parameters"]["shell.material.mu"]
+    assert told["units"]["shell.material.mu"] == "Pa"
+    assert not any(name.endswith("_kPa") for name in (*told["parameters"], *told["units"]))
     for one, other in (("low", "high"), ("median", "median"), ("high", "low")):
         shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=mu[other]))
         assert ends[one] == pytest.approx(float(sg.solve(sg.shell.Free(shell), 10 * kPa).inflation), rel=5e-3)

@@ -573,6 +573,30 @@ def test_a_posterior_is_read_with_its_units(tmp_path):
     np.testing.assert_allclose(moved.shell.material.mu, draws.mean[0] + 2 * draws.deviation[0], rtol=1e-12)
 
 
+def test_a_search_says_what_the_posterior_changes(tmp_path, capsys):
+    """The config's modulus is not the one that the search begins with, and the draws are those of another law."""
+    rng = np.random.default_rng(3)
+    draws = 220 + 5 * rng.normal(size=(2, 500))
+    laws = {"laws": json.dumps({"model": ["energy"], "bending": [True]})}
+    data = xr.Dataset({"shell.material.mu_kPa": (("chain", "draw"), draws, laws)})
+    data.to_netcdf(tmp_path / "P.nc", group="posterior", engine="h5netcdf", mode="w")
+    text = CONFIG.replace('[[design.uncertain.numbers]]\nname = "shell.material.mu_kPa"\nrelative = 0.1\n', "")
+    text = text.replace("yield = 0.9", 'yield = 0.9\nbudget = false\nposterior = "P.nc"')
+    (tmp_path / "shell.toml").write_text(text)
+    run_design(tmp_path / "shell.toml", tmp_path / "run", Console(width=300))
+    given = configs.load(tmp_path / "shell.toml").scene.shell.material.mu / kPa
+    said = [
+        f"shell.material.mu is at its mean of the posterior, {draws.mean():.5g} kPa; the config says {given:g} kPa.",
+        'The numbers were found with model = "energy"; this scene has model = "arc": they belong to that model.',
+    ]
+    remarks = json.loads((tmp_path / "run" / "result.json").read_text())["remarks"]
+    for sentence in said:
+        assert sentence in remarks
+        assert f"\n{sentence}\n" in capsys.readouterr().out or sentence == said[1]
+        assert sentence in (tmp_path / "run" / "summary.txt").read_text()
+        assert f"# {sentence}" in (tmp_path / "run" / "best.toml").read_text()
+
+
 BAD = [
     ("relative = 0.05", "relative = 0.6", "shell.t_m_mm scatters as far as"),
     ("relative = 0.05", "relative = -0.1", "relative of shell.t_m_mm is -0.1; it must be above zero."),

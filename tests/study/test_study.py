@@ -491,7 +491,25 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
     ("words", "sentence"),
     [
         (["--best", "force"], "There is no column 'force' in the study; it has shell.t_m_mm, shell.a_mm, force"),
-        (["--best", "force_at_12_kPa_N", "--where", "shell.a_mm = 3"], "'shell.a_mm = 3' is no condition"),
+        (
+            ["--best", "force_at_12_kPa_N", "--where", "shell.a_mm == 3"],
+            "'shell.a_mm == 3' is no condition: it has none of <, <=, > and >=; a condition is NAME <, <=, > or >= "
+            'NUMBER, in the unit of the column, for instance --where "shell.t_m_mm < 1.5".',
+        ),
+        (
+            ["--best", "force_at_12_kPa_N", "--where", "14 < shell.a_mm"],
+            "is no condition: '14' stands where the name of a column must be; a condition is",
+        ),
+        (["--best", "force_at_12_kPa_N", "--where", "< 14"], "is no condition: no column is named before <;"),
+        (
+            ["--best", "force_at_12_kPa_N", "--where", "shell.a_mm < 1,5"],
+            "'1,5' is not a finite number (write decimals with a point);",
+        ),
+        (
+            ["--best", "force_at_12_kPa_N", "--where", "shell.a_mm < 15 mm"],
+            "'15 mm' is not a finite number (leave out the unit);",
+        ),
+        (["--best", "force_at_12_kPa_N", "--where", "shell.a_mm >= nan"], "'nan' is not a finite number;"),
         (["--where", "shell.a_mm < 3"], "--where is given without --best"),
     ],
 )
@@ -500,6 +518,76 @@ def test_mistakes_about_a_summary_are_one_sentence(finished, capsys, words, sent
     said = capsys.readouterr().err
     assert sentence in said
     assert len(said.splitlines()) == 1
+
+
+TIED = """
+[scenes.free]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "NeoHookean", mu_kPa = 175 } }
+[scenes.plane]
+type = "shell.FlatContact"
+distance_mm = 5
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "NeoHookean", mu_kPa = 175 } }
+[sweep]
+method = "grid"
+gradients = true
+[[sweep.variables]]
+name = "shell.t_m_mm"
+values = [1.0, 1.1, 1.2]
+[[sweep.variables]]
+name = ["free.shell.a_mm", "free.shell.b_mm"]
+values = [16, 18]
+[[sweep.observables]]
+name = ["free.inflation_mm", "plane.force_N"]
+at = { pressure_kPa = 8 }
+"""
+
+
+def test_what_is_tied_is_named(tmp_path, capsys, monkeypatch):
+    """A number of two scenes, and two numbers of one: neither is the first of them alone, and each name is known."""
+    (tmp_path / "tied.toml").write_text(TIED)
+    out = tmp_path / "out"
+    assert run(["sweep", str(tmp_path / "tied.toml"), "--out", str(out), "--csv"]) == 0
+    with (out / "study.csv").open(newline="") as file:
+        header, *rows = csv.reader(file)
+    assert header[:2] == ["free.shell.t_m_mm = plane.shell.t_m_mm", "free.shell.a_mm = free.shell.b_mm"]
+    assert f"d_free.inflation_at_8_kPa_mm_by_{header[0]}" in header
+    capsys.readouterr()
+    told = []
+    for key in ("shell.t_m_mm", "free.shell.t_m_mm", "plane.shell.t_m_mm", header[0].replace(" ", "")):
+        words = ["--best", "free.shell.b_mm", "--where", f"{key} > 1.05"]
+        assert run(["summary", str(out), *words, "--json"]) == 0
+        told.append(json.loads(capsys.readouterr().out)["best"])
+    assert [one["design"] for one in told[0]] == [2, 4, 3, 5]
+    assert all(one == told[0] for one in told)
+    monkeypatch.setenv("COLUMNS", "200")
+    assert run(["summary", str(out), "--best", "shell.t_m_mm"]) == 0
+    assert "free.shell.a = free.shell.b" in capsys.readouterr().out
+    # The table is one of designs again, by the keys of the config or by its own columns.
+    (tmp_path / "designs.csv").write_text("\n".join(",".join(row[:2]) for row in [header, *rows]))
+    start, end = TIED.index("[[sweep.variables]]"), TIED.index("[[sweep.observables]]")
+    named = '[[sweep.variables]]\nname = "shell.t_m_mm"\n'
+    for k, variables in enumerate(("", named)):
+        text = TIED[:start] + variables + TIED[end:]
+        (tmp_path / "again.toml").write_text(text.replace('"grid"', '"csv"\nfile = "designs.csv"'))
+        assert run(["sweep", str(tmp_path / "again.toml"), "--out", str(tmp_path / f"again{k}"), "--csv"]) == 0
+        with (tmp_path / f"again{k}" / "study.csv").open(newline="") as file:
+            again = next(csv.reader(file))
+        assert again[: 2 - k] == header[: 2 - k]
+
+
+def test_a_store_that_says_no_ties_is_read(tmp_path, capsys):
+    (tmp_path / "tied.toml").write_text(TIED)
+    out = tmp_path / "out"
+    assert run(["sweep", str(tmp_path / "tied.toml"), "--out", str(out)]) == 0
+    for name in ("free.shell.t_m", "free.shell.a"):
+        path = out / STORE / name / "zarr.json"
+        about = json.loads(path.read_text())
+        assert about["attributes"].pop("tied").startswith(f"{name} = ")
+        path.write_text(json.dumps(about))
+    capsys.readouterr()
+    assert run(["summary", str(out), "--best", "free.shell.a_mm", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["best"]) == 6
 
 
 @pytest.mark.parametrize(
@@ -690,6 +778,10 @@ def test_mistakes_are_one_sentence(config, tmp_path, capsys, old, new, sentence)
         ("shell.a_mm\n", "has no rows of designs"),
         ("shell.a\n12\n", "line 1: there is no number 'shell.a'; did you mean shell.a_mm?"),
         ("shell.a_mm\n12\nx\n", "line 3: shell.a_mm is 'x'; it must be a number"),
+        ("note,shell.a_mm\nx,12\n", "picks those to read)"),
+        ("shell.a_mm;distance_mm\n12;1,5\n", "line 2: distance_mm is '1,5'; it must be a number with a decimal point"),
+        ("# of a spreadsheet\nshell.a_mm\tdistance_mm\n12\tx\n", "line 3: distance_mm is 'x'; it must be a number"),
+        ("# nothing\n\n", "is empty; its first line must name the columns"),
         ("shell.a_mm\n-12\n", "must be a positive finite number in mm"),
         ("shell.a_mm\n1_2\n", "line 2: shell.a_mm is '1_2'; it must be a number"),
         (
@@ -706,6 +798,38 @@ def test_mistakes_in_a_table_are_one_sentence(config, tmp_path, capsys, table, s
     config.write_text(text[:start] + text[end:])
     assert run(["sweep", str(config), "--out", str(out)]) == 2
     assert sentence in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        "shell.a_mm;distance_mm\n12;3\n18;4\n",
+        "shell.a_mm\tdistance_mm\n12\t3\n18\t4\n",
+        "# two designs, of Monday\nshell.a_mm,distance_mm\n12,3\n# the wide one\n18,4\n",
+        "shell.a_mm,distance_mm,\n12,3,\n18,4,\n",
+    ],
+)
+def test_tables_are_written_in_several_ways(config, tmp_path, table):
+    out = small(config, tmp_path)
+    (tmp_path / "designs.csv").write_text(table)
+    text = config.read_text().replace('method = "sobol"\nsamples = 6', 'method = "csv"\nfile = "designs.csv"')
+    start, end = text.index("[[sweep.variables]]"), text.index("[[sweep.observables]]")
+    config.write_text(text[:start] + text[end:])
+    assert run(["sweep", str(config), "--out", str(out)]) == 0
+    with sg.load_study(out) as data:
+        np.testing.assert_allclose(data["shell.a"].values, [12 * mm, 18 * mm])
+        np.testing.assert_allclose(data["distance"].values, [3 * mm, 4 * mm])
+
+
+def test_a_column_that_is_there_twice_is_refused(config, tmp_path, capsys):
+    out = small(config, tmp_path)
+    (tmp_path / "designs.csv").write_text("shell.a_mm,distance_mm,shell.a_mm\n12,3,20\n")
+    text = config.read_text().replace('method = "sobol"\nsamples = 6', 'method = "csv"\nfile = "designs.csv"')
+    config.write_text(text.replace("low = 10\nhigh = 22\n", "").replace("low = 2\nhigh = 9\n", ""))
+    assert run(["sweep", str(config), "--out", str(out)]) == 2
+    said = capsys.readouterr().err
+    assert "line 1: 2 columns are called 'shell.a_mm'; one that is read must be there once." in said
     assert not out.exists()
 
 

@@ -51,6 +51,8 @@ class EnergyScene(Scene):
     """
 
     SOLVERS: ClassVar[tuple[str, ...]] = ("MinimumEnergy",)
+    MODEL: ClassVar[str] = "energy"
+    """What scenes that have the choice call it."""
 
     shell: FlatShell = part(FlatShell)
     obstacle: Obstacle | None = part(Obstacle)
