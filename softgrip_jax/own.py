@@ -52,34 +52,34 @@ def outcome(where: str, function: Callable[..., Any], *given: Any) -> Any:
 
 def require_numbers(
     where: str, function: Callable[..., Any], *given: Any, names: tuple[str, ...] = (), batched: bool = False
-) -> None:
+) -> bool:
     """An InputError where a user's function does not give one number, or as many as have `names`.
 
-    batched: where arrays, of several in one, are allowed in place of numbers.
+    batched: where the numbers of the function's part are arrays, of several parts in one or of a table, what it gives
+        may be arrays, too. Returned is whether it gives single numbers.
     """
     found = outcome(where, function, *given)
-    if names:
-        if not isinstance(found, tuple | list) or len(found) != len(names):
-            raise InputError(
-                f"{where} gives {said_of(found)}; it must give {len(names)} numbers: ({', '.join(names)})."
-            )
-        for name, value in zip(names, found, strict=True):
-            _require_number(f"{where} gives {name} as", value, batched)
-    else:
-        _require_number(f"{where} gives", found, batched)
+    if not names:
+        return _is_number(f"{where} gives", found, batched)
+    if not isinstance(found, tuple | list) or len(found) != len(names):
+        raise InputError(f"{where} gives {said_of(found)}; it must give {len(names)} numbers: {', '.join(names)}.")
+    said = [f"{where} gives ({', '.join(names)}), and {name} is" for name in names]
+    return all([_is_number(begins, value, batched) for begins, value in zip(said, found, strict=True)])
 
 
-def _require_number(begins: str, value: Any, batched: bool) -> None:
+def _is_number(begins: str, value: Any, batched: bool) -> bool:
+    """Whether it is a single number; an InputError where it must be and is not."""
     is_array = isinstance(value, jax.ShapeDtypeStruct) and jnp.issubdtype(value.dtype, jnp.floating)
     if not is_array or (value.shape != () and not batched):
         raise InputError(f"{begins} {said_of(value)}; it must be one number, of the shape ().")
+    return value.shape == ()
 
 
 def said_of(value: Any) -> str:
     """What a function gave, in words."""
     if isinstance(value, jax.ShapeDtypeStruct):
-        kind = "" if jnp.issubdtype(value.dtype, jnp.floating) else f" of {value.dtype}"
-        return f"an array of the shape {value.shape}{kind}" if value.shape or not kind else f"a number{kind}"
+        kind = "" if jnp.issubdtype(value.dtype, jnp.floating) else f" of the type {value.dtype}"
+        return (f"an array of the shape {value.shape}" if value.shape else "one number") + kind
     if isinstance(value, tuple | list):
         return f"{len(value)} values"
     return "None" if value is None else f"a {type(value).__name__}"
