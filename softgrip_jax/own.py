@@ -19,6 +19,10 @@ LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", PACKAGE)
 HINT = "use jax.numpy in place of math and NumPy, and jnp.where in place of if."
 TRACED = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
 """What JAX raises where a function needs the value of a number that has none yet."""
+MANY = 1000
+"""Kinds of parts that are remembered."""
+_LOOKED_AT: dict[Any, bool] = {}
+"""What `require_numbers` found, by the kind of part."""
 
 
 def is_own(part: Any) -> bool:
@@ -51,14 +55,23 @@ def outcome(where: str, function: Callable[..., Any], *given: Any) -> Any:
 
 
 def require_numbers(
-    where: str, function: Callable[..., Any], *given: Any, names: tuple[str, ...] = (), batched: bool = False
+    where: str, part: Any, function: Callable[..., Any], *given: Any, names: tuple[str, ...] = ()
 ) -> bool:
-    """An InputError where a user's function does not give one number, or as many as have `names`.
+    """An InputError where a function of a user's part does not give one number, or as many as have `names`.
 
-    batched: where the numbers of the function's part are arrays, of several parts in one or of a table, what it gives
-        may be arrays, too. Returned is whether it gives single numbers.
+    Where the numbers of the part are arrays, of several parts in one or of a table, what it gives may be arrays, too.
+    Returned is whether it gives single numbers. Parts that differ by their numbers alone are looked at once.
     """
-    found = outcome(where, function, *given)
+    leaves, kind = jax.tree.flatten((part, given))
+    key = where, kind, tuple((np.shape(leaf), getattr(leaf, "dtype", type(leaf))) for leaf in leaves)
+    if key not in _LOOKED_AT:
+        if len(_LOOKED_AT) >= MANY:
+            _LOOKED_AT.clear()
+        _LOOKED_AT[key] = _are_numbers(where, outcome(where, function, *given), names, not is_one(part))
+    return _LOOKED_AT[key]
+
+
+def _are_numbers(where: str, found: Any, names: tuple[str, ...], batched: bool) -> bool:
     if not names:
         return _is_number(f"{where} gives", found, batched)
     if not isinstance(found, tuple | list) or len(found) != len(names):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import InputError
-from ..own import is_known, is_one, is_own, require_numbers
+from ..own import is_known, is_own, require_numbers
 from .finger import SEGMENT_FIELDS, PneuNet
 from .section.base import SectionLaw
 from .wall.base import WallModel
@@ -29,11 +29,11 @@ def require_law(law: Any) -> None:
     this package, or its numbers are traced."""
     if not isinstance(law, SectionLaw) or not is_own(law) or not is_known(law):
         return
-    name, one, several = type(law).__name__, jnp.ones(()), not is_one(law)
-    single = require_numbers(f"{name}.__call__", law, 0 * one, 0 * one, names=("z", "lambda"), batched=several)
-    single &= require_numbers(f"{name}.loads", law.loads, 0 * one, one, names=("m", "n"), batched=several)
+    name, one = type(law).__name__, jnp.ones(())
+    single = require_numbers(f"{name}.__call__", law, law, 0 * one, 0 * one, names=("z", "lambda"))
+    single &= require_numbers(f"{name}.loads", law, law.loads, 0 * one, one, names=("m", "n"))
     bounds = ("a bound from below", "one from above", "a guess")
-    single &= require_numbers(f"{name}.stretches", law.stretches, 0 * one, 0 * one, names=bounds, batched=several)
+    single &= require_numbers(f"{name}.stretches", law, law.stretches, 0 * one, 0 * one, names=bounds)
     if not single:
         return  # several laws in one, made for vmap
     loads = LOADS if law.stretches_at_all else LOADS * np.array([1.0, 0.0])
@@ -96,16 +96,16 @@ def require_walls(drive: Any, finger: PneuNet) -> None:
     where it is one of this package, or numbers are traced."""
     if not isinstance(drive, WallModel) or not is_own(drive) or not is_known((drive, finger)):
         return
-    name, several = type(drive).__name__, not is_one(drive)
+    name = type(drive).__name__
     if any(jnp.ndim(value) for value in (finger.H, finger.B, finger.L)):
         return  # several fingers in one, made for vmap
     count, zero = finger.segments or 1, jnp.zeros(())
     fields = {field: jnp.broadcast_to(getattr(finger, field), (count,)) for field in SEGMENT_FIELDS}
     chambers = [dataclasses.replace(finger, **{field: v[k] for field, v in fields.items()}) for k in range(count)]
     begins, ends = drive.contact_pressure, drive.largest_pressure
-    single = require_numbers(f"{name}.end_moment", drive.end_moment, chambers[0], zero, zero, batched=several)
-    single &= require_numbers(f"{name}.contact_pressure", begins, chambers[0], batched=several)
-    single &= require_numbers(f"{name}.largest_pressure", ends, chambers[0], batched=several)
+    single = require_numbers(f"{name}.end_moment", drive, drive.end_moment, chambers[0], zero, zero)
+    single &= require_numbers(f"{name}.contact_pressure", drive, begins, chambers[0])
+    single &= require_numbers(f"{name}.largest_pressure", drive, ends, chambers[0])
     if not single:
         return  # several models in one, made for vmap
     for one in chambers:

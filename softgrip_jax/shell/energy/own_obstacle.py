@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...errors import InputError
-from ...own import is_one, is_own, require_numbers
+from ...own import is_own, require_numbers
 from ..obstacles import Obstacle, Shape
 from .symmetry import HEIGHTS, is_known
 
@@ -32,7 +32,7 @@ def require_distance(scene: Any) -> None:
     if not (is_own(obstacle) or isinstance(obstacle, Shape)) or not is_known(scene):
         return
     where = _name(obstacle)
-    if not require_numbers(where, obstacle.distance, jnp.zeros(3), batched=not is_one(obstacle)):
+    if not require_numbers(where, obstacle, obstacle.distance, jnp.zeros(3)):
         return  # several objects in one, made for vmap
     with jax.ensure_compile_time_eval():  # under jit, too
         places, distances, slopes = _at_surface(scene)
