@@ -82,16 +82,20 @@ def _are_numbers(where: str, found: Any, names: tuple[str, ...], batched: bool) 
 
 def _is_number(begins: str, value: Any, batched: bool) -> bool:
     """Whether it is a single number; an InputError where it must be and is not."""
-    is_array = isinstance(value, jax.ShapeDtypeStruct) and jnp.issubdtype(value.dtype, jnp.floating)
-    if not is_array or (value.shape != () and not batched):
+    if not _is_real(value) or (value.shape != () and not batched):
         raise InputError(f"{begins} {said_of(value)}; it must be one number, of the shape ().")
     return value.shape == ()
+
+
+def _is_real(value: Any) -> bool:
+    kinds = jnp.floating, jnp.integer
+    return isinstance(value, jax.ShapeDtypeStruct) and any(jnp.issubdtype(value.dtype, kind) for kind in kinds)
 
 
 def said_of(value: Any) -> str:
     """What a function gave, in words."""
     if isinstance(value, jax.ShapeDtypeStruct):
-        kind = "" if jnp.issubdtype(value.dtype, jnp.floating) else f" of the type {value.dtype}"
+        kind = "" if _is_real(value) else f" of the type {value.dtype}"
         return (f"an array of the shape {value.shape}" if value.shape else "one number") + kind
     if isinstance(value, tuple | list):
         return f"{len(value)} values"
