@@ -1,5 +1,6 @@
 """A section law and a wall model of one's own are one law: each scene uses some of their methods and compares none."""
 
+import dataclasses
 import math
 
 import equinox as eqx
@@ -127,3 +128,10 @@ def test_a_wall_model_begins_and_ends(mistake, said):
     assert sg.pneunet.Free(FINGER, drive=Piston()).drive == Piston()
     with pytest.raises(InputError, match=said):
         sg.pneunet.Free(FINGER, drive=Piston(mistake))
+
+
+def test_a_finger_has_a_segment():
+    """No value at all as an array, which as a list was refused."""
+    for none in ([], np.array([])):
+        with pytest.raises(InputError, match="PneuNet"):
+            dataclasses.replace(FINGER, a=none)
