@@ -14,7 +14,7 @@ from jax.core import Tracer
 from .errors import InputError
 
 PACKAGE = __name__.partition(".")[0]
-LIBRARIES = ("jax", "jaxlib", "numpy", "equinox", PACKAGE)
+LIBRARIES = ("jax", "jaxlib", "jaxtyping", "numpy", "equinox", "optim", PACKAGE)
 """Whose lines are not the user's."""
 HINT = "use jax.numpy in place of math and NumPy, and jnp.where in place of if."
 TRACED = (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError)
@@ -67,11 +67,12 @@ def require_numbers(
     if key not in _LOOKED_AT:
         if len(_LOOKED_AT) >= MANY:
             _LOOKED_AT.clear()
-        _LOOKED_AT[key] = _are_numbers(where, outcome(where, function, *given), names, not is_one(part))
+        _LOOKED_AT[key] = are_numbers(where, outcome(where, function, *given), names, not is_one(part))
     return _LOOKED_AT[key]
 
 
-def _are_numbers(where: str, found: Any, names: tuple[str, ...], batched: bool) -> bool:
+def are_numbers(where: str, found: Any, names: tuple[str, ...] = (), batched: bool = False) -> bool:
+    """Of what `outcome` gave: whether it is single numbers; an InputError where it is none, or too few."""
     if not names:
         return _is_number(f"{where} gives", found, batched)
     if not isinstance(found, tuple | list) or len(found) != len(names):
