@@ -26,6 +26,7 @@ from softgrip_jax.compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Equations, Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once
+from softgrip_jax.own import are_numbers, outcome
 from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Solution, Status, in_units
@@ -119,7 +120,8 @@ class Goal:
             search that has one counts, see `Scaling`.
 
     Raises:
-        InputError: for another kind, and where "reach" has no target or another kind has one.
+        InputError: for another kind, where "reach" has no target or another kind has one, and where the term of a kind
+            of your own is no number that JAX can differentiate.
 
     Examples:
         >>> goal = optim.Goal("reach", optim.Quantity("inflation", at=15 * kPa), target=12 * mm)
@@ -148,6 +150,9 @@ class Goal:
         if not (np.isfinite(self.weight) and self.weight >= 0):
             raise InputError(f"The weight for {self.quantity.label()} is {self.weight}; it must be zero or more.")
         _require_scale(self.quantity, self.scale)
+        if isinstance(self.kind, GoalKind):
+            where = f"The term of the goal kind {self.kind.name!r}"
+            are_numbers(where, outcome(where, partial(self.kind.term, self), jnp.ones(()), jnp.ones(())))
 
     @property
     def how(self) -> GoalKind:

@@ -278,7 +278,11 @@ def _ranks(cls: type) -> tuple[tuple[str, int | None], ...]:
             found.append((field.name, None))
         elif "size" in meta:
             found.append((field.name, 1))
-        elif "rule" in meta and shapes and not any("*" in axis or axis == "..." for shape in shapes for axis in shape):
+        elif (
+            ("rule" in meta or "friction" in meta)
+            and shapes
+            and not any("*" in axis or axis == "..." for shape in shapes for axis in shape)
+        ):
             found.append((field.name, max(map(len, shapes))))
     return tuple(found)
 

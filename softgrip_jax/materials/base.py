@@ -10,17 +10,18 @@ locks) is stated by the class that defines the energy. A subclass with another e
 from __future__ import annotations
 
 import abc
+import itertools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from ..errors import InputError, JoinedRuleError
 from ..fields import Checked, check_fields
+from ..own import is_known, is_own, require_numbers
 
 Scalar = Float[Array, ""]
 
@@ -59,8 +60,8 @@ class Material(Checked):
     back to what holds for any, unless the subclass states it anew.
 
     Raises:
-        InputError: where a statement of a class of one's own contradicts its energy, or the shear modulus is not
-            positive.
+        InputError: where a statement of a class of one's own contradicts its energy, or that is stressed at rest,
+            changes as stretches are swapped, cannot be differentiated, or has a shear modulus that is not positive.
 
     Source: thesis 2.2; lambda_1 lambda_2 lambda_3 = 1.
 
@@ -120,8 +121,8 @@ class Material(Checked):
                 setattr(cls, statement, vars(Material)[statement])
 
     def __check_init__(self) -> None:
-        # The laws of this room keep to their energies by the tests of this package.
-        if type(self).__module__.rpartition(".")[0] != __name__.rpartition(".")[0]:
+        # The laws of this package keep to their energies by its tests.
+        if is_own(self):
             _require_true_statements(self)
 
 
@@ -174,31 +175,53 @@ SHEET_STRETCHES = (1.2, 1.05)
 
 @jax.jit
 def _stated_and_found(material: Material) -> tuple[tuple[Array, Array], ...]:
-    """The shear modulus and the energy of a sheet, each as the class states it and from its `energy`."""
+    """The shear modulus and the energy of a sheet, each as the class states it and from its `energy`; the stresses at
+    rest, which are none; and the least and the largest energy of the same three stretches in any order."""
     l1, l2 = (jnp.asarray(stretch) for stretch in SHEET_STRETCHES)
     modulus = material.shear_modulus(), modulus_of_energy(material)
-    return modulus, (material.sheet_energy(l1**2 + l2**2, (l1 * l2) ** 2), material.energy(l1, l2, 1 / (l1 * l2)))
+    sheet = material.sheet_energy(l1**2 + l2**2, (l1 * l2) ** 2)
+    # In one call, so that it is compiled once: the stretches in every order, and twice the rest with a small change.
+    orders = np.array(list(itertools.permutations((*SHEET_STRETCHES, 1 / np.prod(SHEET_STRETCHES)))))
+    places = np.concatenate([orders, np.ones((2, 3))])
+    changes = np.concatenate([0 * orders, [[1.0, 0.0, -1.0], [0.0, 1.0, -1.0]]])
+    energies, slopes = jax.jvp(jax.vmap(material.energy), tuple(places.T), tuple(changes.T))
+    swapped, (first, second) = energies[:-2], slopes[-2:]
+    return modulus, (sheet, swapped[0]), (first, second), (jnp.min(swapped, axis=0), jnp.max(swapped, axis=0))
 
 
 def _require_true_statements(material: Material) -> None:
     """A ValueError where a class states a shear modulus (the scale of every load) or an energy of sheets that is not
-    the one of its `energy`."""
+    the one of its `energy`, or where that is no energy of a rubber that is free of stress at rest."""
     check_fields(material)
-    if not _is_known(material):
+    if not is_known(material):
         return
+    name, one = type(material).__name__, jnp.ones(())
+    if require_numbers(f"{name}.energy", material, material.energy, one, one, one):
+        require_numbers(f"{name}.shear_modulus", material, material.shear_modulus)
     with jax.ensure_compile_time_eval():
         pairs = [[np.asarray(value) for value in pair] for pair in _stated_and_found(material)]
     words = ("shear_modulus() is", "Pa"), ("sheet_energy at the stretches 1.2 and 1.05 is", "J/m^3")
     if not np.all(np.isfinite(pairs[0][1])):
         raise InputError(
-            f"{type(material).__name__}.energy has no second derivative in the undeformed state (it is "
+            f"{name}.energy has no second derivative in the undeformed state (it is "
             f"{np.min(pairs[0][1]):.6g} Pa); write it without roots or logarithms that vanish there."
         )
-    for (what, unit), (stated, found) in zip(words, pairs, strict=True):
-        # Written so that NaN counts as a difference. Several numbers are several materials, made for vmap.
+    *statements, (first, second), (least, most) = pairs
+    # Written so that NaN counts as a difference. Several numbers are several materials, made for vmap.
+    if not np.all(np.maximum(np.abs(first), np.abs(second)) <= STATED_TOLERANCE * np.abs(pairs[0][1])):
+        raise InputError(
+            f"{name}.energy is stressed at rest, by {_worst(first):.6g} and {_worst(second):.6g} Pa along the first "
+            "two stretches; its derivatives by all three stretches must be the same at (1, 1, 1)."
+        )
+    if not np.all(most - least <= STATED_TOLERANCE * np.abs(most)):
+        raise InputError(
+            f"{name}.energy of the stretches 1.2, 1.05 and 0.794 is between {np.min(least):.6g} and {np.max(most):.6g} "
+            "J/m^3, as they are ordered; swapping stretches must not change it."
+        )
+    for (what, unit), (stated, found) in zip(words, statements, strict=True):
         if not np.all(np.abs(stated - found) <= STATED_TOLERANCE * np.abs(found)):
             raise InputError(
-                f"{type(material).__name__}.{what} {np.min(stated):.6g} {unit}, but by its energy it is "
+                f"{name}.{what} {np.min(stated):.6g} {unit}, but by its energy it is "
                 f"{np.min(found):.6g} {unit}; make them agree, or leave the method out."
             )
     if not np.all(pairs[0][1] > 0):
@@ -210,10 +233,9 @@ def _not_stiff(material: Material, modulus: Any) -> InputError:
     return JoinedRuleError(type(material).__name__ + sentence, modulus=(float(modulus), "pressure"))
 
 
-def _is_known(material: Material) -> bool:
-    """True where all numbers of a material are known, and none is traced or a placeholder of JAX."""
-    known = jax.Array | np.ndarray | np.generic | float | int
-    return all(isinstance(leaf, known) and not isinstance(leaf, Tracer) for leaf in jax.tree.leaves(material))
+def _worst(values: Any) -> float:
+    """The value that is furthest from zero."""
+    return float(np.atleast_1d(values)[np.argmax(np.abs(np.atleast_1d(values)))])
 
 
 def nominal_stresses(material: Material, l1: Scalar, l2: Scalar) -> tuple[Scalar, Scalar]:
@@ -249,7 +271,7 @@ def invariants(l1, l2, l3):
 def require_stiff(material: Material) -> None:
     """A ValueError for constants that keep their own rules but together give no shear modulus."""
     check_fields(material)
-    if not _is_known(material):
+    if not is_known(material):
         return
     with jax.ensure_compile_time_eval():
         stable, modulus = np.asarray(material.is_stable_at_rest()), np.asarray(material.shear_modulus())

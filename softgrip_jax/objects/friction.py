@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
@@ -17,8 +18,13 @@ from ..fields import Checked, is_concrete, nonnegative, positive, to_float_array
 from ..numerics.choice import larger
 from ..numerics.curves import first_crossing, scan_curve
 from ..numerics.implicit import implicit
+from ..own import is_known, is_own, require_numbers
 
 Scalar = Float[Array, ""]
+
+
+FORCES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Normal forces, N, at which a law of the user's own is asked: from a touch to ten times what a fingertip presses."""
 
 
 class Friction(Checked):
@@ -37,6 +43,29 @@ class Friction(Checked):
     @abc.abstractmethod
     def __call__(self, force: Scalar) -> Scalar:
         """mu_f, a pure number."""
+
+    def __check_init__(self) -> None:
+        if (is_own(self) or isinstance(self, FrictionLaw)) and is_known(self):
+            _require_coefficients(self)
+
+
+def _require_coefficients(friction: Friction) -> None:
+    """An InputError where a law of the user's own gives what is no coefficient of friction."""
+    where, law = f"{type(friction).__name__}.__call__", friction
+    if isinstance(friction, FrictionLaw) and not is_own(friction):
+        where, law = "The friction law", friction.law
+    if not require_numbers(where, friction, law, jnp.ones(())):
+        return  # several laws in one, made for vmap
+    with jax.ensure_compile_time_eval():  # under jit, too
+        found = np.asarray(jax.vmap(law)(jnp.asarray(FORCES)))
+    # Written so that NaN counts as no coefficient.
+    wrong = ~((found >= 0) & (found < np.inf))
+    if np.any(wrong):
+        k = int(np.argmax(wrong))
+        raise InputError(
+            f"{where} is {found[k]:.6g} under {FORCES[k]:g} N; a coefficient of friction must be a finite number, zero "
+            f"or more, from {FORCES[0]:g} to {FORCES[-1]:g} N."
+        )
 
 
 class FrictionTable(Friction):
@@ -82,6 +111,9 @@ class FrictionLaw(Friction):
     Args:
         law: function from the normal force (N) to mu_f (dimensionless); its constants are not differentiated.
 
+    Raises:
+        InputError: where the law gives no finite number, zero or more, at forces up to 10 N.
+
     Source: own.
 
     Examples:
@@ -92,7 +124,7 @@ class FrictionLaw(Friction):
     law: Callable[[Scalar], Scalar] = eqx.field(static=True)
 
     def __call__(self, force: Scalar) -> Scalar:
-        return self.law(force)
+        return jnp.asarray(self.law(force), float)
 
 
 def to_friction(value: Any) -> Any:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import abc
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..errors import InputError
 from ..fields import Checked, nonnegative, positive
+from ..own import is_known, is_own, require_numbers
 from .friction import Friction, OnSlope, Scalar, friction
 
 
@@ -16,7 +19,12 @@ class Object(Checked):
     """Something that fingertips hold between them, standing on its base.
 
     A subclass gives the radius over the height in `radius_at`, and has the fields mass (kg) and friction
-    (dimensionless).
+    (dimensionless). Where the radius depends on the height it also says that it `tapers`; `slope` follows from the
+    radius where that falls evenly.
+
+    Raises:
+        InputError: where a class of one's own lacks a field, or its radius contradicts what it says of its faces
+            (outside of jit).
 
     Examples:
         >>> isinstance(sg.objects.Cone(radius=20 * mm, height=40 * mm, mass=20 * gram, friction=0.9), sg.objects.Object)
@@ -35,8 +43,11 @@ class Object(Checked):
         """Distance (m) of the surface that a tip touches from the axis, at a height (m) above the base."""
 
     def slope(self) -> tuple[Scalar, Scalar]:
-        """(sine, cosine) of the angle between the touched face and the ground: (1, 0) where it is upright."""
-        return jnp.ones_like(self.mass), jnp.zeros_like(self.mass)
+        """(sine, cosine) of the angle between the touched face and the ground: (1, 0) where it is upright. By default
+        from how the radius falls at the base."""
+        falls = -jax.grad(lambda height: jnp.asarray(self.radius_at(height), float))(jnp.zeros_like(self.mass))
+        side = jnp.hypot(1.0, falls)
+        return 1 / side, falls / side
 
     def lift(self) -> Any:
         """What a tip lifts over the force with which it presses inwards: mu_f of upright faces, less of those that lean
@@ -50,6 +61,48 @@ class Object(Checked):
     def tapers(self) -> bool:
         """Whether the radius depends on the height."""
         return False
+
+    def __check_init__(self) -> None:
+        if is_own(self):
+            _require_faces(self)
+
+
+HEIGHTS = (0.0, 0.25, 0.5, 1.0)
+"""Over the radius at the base: where the radius of an object of one's own is asked for its slope."""
+EVEN = 1e-6
+"""Metres per metre of height that count as nothing."""
+
+
+def _require_faces(held: Object) -> None:
+    """An InputError where an object of the user's own has no mass or friction, no radius, or leans otherwise than it
+    says: its friction would be that of another one."""
+    name = type(held).__name__
+    for field, words in (("mass", "kg"), ("friction", "a pure number")):
+        if not hasattr(held, field):
+            raise InputError(f"{name} has no {field} ({words}); an object to be grasped needs it as a field.")
+    if not is_known(held) or not require_numbers(f"{name}.radius_at", held, held.radius_at, jnp.zeros(())):
+        return
+    with jax.ensure_compile_time_eval():  # under jit, too
+        base = float(held.radius_at(jnp.zeros(())))
+        heights = jnp.asarray(HEIGHTS) * (base if 0 < base < np.inf else 1.0)
+        falls = -np.asarray(jax.vmap(jax.grad(lambda height: jnp.asarray(held.radius_at(height), float)))(heights))
+        falls = falls[np.isfinite(falls)]
+        sine, cosine = (float(value) for value in held.slope()) if held.tapers else (1.0, 0.0)
+    if len(falls) == 0:
+        return
+    least, most, said = falls.min(), falls.max(), cosine / sine if sine else np.inf
+    steep = f"{name}.radius_at falls by " + (f"{most:.4g}" if most - least < EVEN else f"{least:.4g} to {most:.4g}")
+    if not held.tapers and max(abs(least), abs(most)) > EVEN:
+        raise InputError(
+            f"{steep} m per metre of height, and {name}.tapers is False; give it the property tapers that is True, so "
+            "that friction counts the lean of its faces."
+        )
+    if held.tapers and most - least > EVEN and type(held).slope is Object.slope:
+        raise InputError(f"{steep} m per metre of height; give {name}.slope, the lean of the face that is touched.")
+    if held.tapers and not least - EVEN <= said <= most + EVEN:
+        raise InputError(
+            f"{steep} m per metre of height, and {name}.slope is ({sine:.4g}, {cosine:.4g}), which falls by {said:.4g}."
+        )
 
 
 class Cylinder(Object):

@@ -76,7 +76,7 @@ class PneuNet(Checked):
     def __check_init__(self) -> None:
         shapes = {name: jnp.shape(getattr(self, name)) for name in SEGMENT_FIELDS if is_concrete(getattr(self, name))}
         lengths = {shape for shape in shapes.values() if shape}
-        if len(lengths) > 1 or any(len(shape) > 1 for shape in lengths):
+        if len(lengths) > 1 or any(len(shape) > 1 or 0 in shape for shape in lengths):
             raise InputError(
                 f"PneuNet has fields of shapes {shapes}; each must be a number, or an array with one value per segment."
             )

@@ -32,6 +32,7 @@ from .beam.method import POINTS, BeamMethod, Collocation, Shooting
 from .beam.shooting import Arrived, Segments, look, segments_of, shoot, unknown_count
 from .cell.law import LARGEST_PRESSURE, cell_section, range_margin, warn_outside
 from .finger import SEGMENT_FIELDS, PneuNet
+from .own_parts import require_law, require_walls
 from .rules import chambers_apart, margins_of_parts
 from .section.base import SectionLaw
 from .section.choice import section_law
@@ -234,6 +235,8 @@ class FingerScene(PathEquations, Scene):
                 f"{type(self).__name__}.beam is {self.beam!r} and its drive 'cell'; the cell law is solved by "
                 "sg.pneunet.Collocation(...) only."
             )
+        require_law(self.section)
+        require_walls(self.drive, self.finger)
 
     def method(self) -> Any:
         """How the beam's equations are solved."""

@@ -104,7 +104,7 @@ class ExplicitCurve(BranchSolver):
     def onset(self, scene):
         approach = scene.approach()
         if approach is None:
-            return scene.load(scene.interval()[0])
+            return scene.load(interval_of(scene)[0])
         touches, peak, limit = frozen(approached(frozen(scene), approach.touch))
         own = stop_gradient_where_failed(touches, scene).approach()
         free = stop_gradient_where_failed(~touches & jnp.isfinite(limit), approach.scene)
@@ -126,7 +126,7 @@ class ExplicitCurve(BranchSolver):
         ok = (found.status == Status.OK) & jnp.isfinite(found.pressure)
         code = found.end
         own = stop_gradient_where_failed(ok & (code != END.FREE_PEAK), scene)
-        start, end = own.interval()
+        start, end = interval_of(own)
         border = jnp.where(ok, jnp.where(code == END.BEGINNING, start, end), 1.0)
         pressure = own.load(jnp.where(code == END.PEAK, _at_peak(own, found.unknowns), border))
         approach = scene.approach()
@@ -182,7 +182,7 @@ class ExplicitCurve(BranchSolver):
         fixed = frozen(scene)
         curve = sampled(fixed)
         stop = stop_of(fixed, curve)
-        start = scene.interval()[0]
+        start = interval_of(scene)[0]
         angles = start + (_branch_end(fixed, curve, stop) - start) * jnp.linspace(0.0, 1.0, n)
         # The limit is one of the points, where the branch goes through it.
         nearest = jnp.argmin(jnp.abs(angles - stop))
@@ -199,9 +199,15 @@ class ExplicitCurve(BranchSolver):
         return jax.vmap(at)(angles)
 
 
+def interval_of(scene: AnyCurveScene) -> tuple[Scalar, Scalar]:
+    """The interval of a scene, which a user may give as plain numbers."""
+    start, end = scene.interval()
+    return jnp.asarray(start, float), jnp.asarray(end, float)
+
+
 def sampled(scene: AnyCurveScene) -> SampledCurve:
     """Look at the load curve once; every question starts from this."""
-    start, end = scene.interval()
+    start, end = interval_of(scene)
     scan = scan_curve(scene.load, start, end, "dips" if scene.may_dip() else "single")
     touches, peak, limit = approached(scene, start)
     possible = scene.can_exist() & ((start < end) | ~touches)
@@ -219,7 +225,7 @@ def approached(scene: AnyCurveScene, start: Scalar) -> tuple[Bool[Array, ""], Sc
     if approach is None:
         return jnp.asarray(True), start, jnp.full_like(start, jnp.inf)
     free = approach.scene
-    begin, end = free.interval()
+    begin, end = interval_of(free)
     far = end if approach.touches_early else jnp.minimum(approach.touch, end)
     peak, falls = first_maximum_before(free.load, begin, far, scene.may_dip())
     limit = jnp.where(falls, free.load(peak), jnp.inf)

@@ -30,8 +30,8 @@ FINGER = sg.PneuNet.table_5_1("A")
             "drive='thesis', moment_spread='root')",
         ),
         (
-            sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=np.hypot),
-            "Cylinder(radius=18 mm, mass=26 g, friction=FrictionLaw(law=hypot))",
+            sg.objects.Cylinder(radius=18 * mm, mass=26 * gram, friction=jnp.tanh),
+            "Cylinder(radius=18 mm, mass=26 g, friction=FrictionLaw(law=tanh))",
         ),
     ],
     ids=lambda value: type(value).__name__,

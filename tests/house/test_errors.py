@@ -24,6 +24,7 @@ TESTED = {
     "softgrip_jax/explorer/tabs.py": "told on the page: a thread has nobody else to tell",
     "softgrip_jax/explorer/latest.py": "told on the page; the thread goes on with the next question",
     "softgrip_jax/explorer/front.py": "raised again in the thread that serves",
+    "softgrip_jax/own.py": "a function of the user's is called, which may raise anything, and is named with its line",
     "softgrip_jax/verify/kept.py": "a file that holds no verification is named",
     "softgrip_jax/study/cluster.py": "what Dask says of an address or of certificates is a mistake in them",
     "softgrip_jax/study/dataset.py": "a chunk that cannot be read, for whatever reason, is named",

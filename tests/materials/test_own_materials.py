@@ -5,6 +5,7 @@ plain energy of which nothing is known: every scene must give the same numbers f
 """
 
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -14,6 +15,7 @@ import pytest
 from helpers import CASES, MATERIALS, shell
 
 import softgrip_jax as sg
+from softgrip_jax.errors import InputError
 from softgrip_jax.materials.base import ClosedForms, Material, nominal_stresses
 from softgrip_jax.materials.laws import InvariantMaterial
 from softgrip_jax.pneunet.section.choice import section_law
@@ -306,3 +308,50 @@ def test_an_energy_without_a_second_derivative_at_rest_is_named():
 
     with pytest.raises(ValueError, match=r"Rooted\.energy has no second derivative in the undeformed state"):
         Rooted(law=sg.NeoHookean(mu=100 * kPa))
+
+
+def energy_of(function):
+    """A material of one's own whose energy is a function of mu = 100 kPa and the stretches."""
+
+    class Rubber(Material):
+        mu: sg.scene.Scalar
+
+        def energy(self, l1, l2, l3):
+            return function(self.mu, l1, l2, l3)
+
+    return Rubber(jnp.asarray(100 * kPa))
+
+
+@pytest.mark.parametrize(
+    ("energy", "said"),
+    [
+        (
+            lambda mu, l1, l2, l3: 0.5 * mu * (l1**2 + l2**2 - 2),
+            "is stressed at rest, by 100000 and 100000 Pa along the first two stretches",
+        ),
+        (
+            lambda mu, l1, l2, l3: 0.5 * mu * (l1**2 + l2**2 + l3**2 - 3) + mu * l1,
+            "is stressed at rest, by 100000 and 0 Pa",
+        ),
+        (
+            lambda mu, l1, l2, l3: 0.5 * mu * (l1**2 + l2**2 + l3**2 - 3 + 0.2 * (l1 - 1) ** 2),
+            r"of the stretches 1.2, 1.05 and 0.794 is between \d+.\d+ and \d+.?\d* J/m\^3, as they are ordered",
+        ),
+        (lambda mu, l1, l2, l3: 0.5 * mu * math.log(l1), r"cannot be differentiated by JAX \(line \d+ of test_own_mat"),
+        (lambda mu, l1, l2, l3: mu * np.log(l1), "cannot .*; use jax.numpy in place of math and NumPy"),
+        (lambda mu, l1, l2, l3: mu * np.interp(l1, [0, 1], [1, 2]), "cannot .*; use jax.numpy in place of math"),
+        (lambda mu, l1, l2, l3: mu * l1 if l1 > 1 else mu, "cannot .* jnp.where in place of if"),
+        (lambda mu, l1, l2, l3: mu * jnp.stack([l1]), r"gives an array of the shape \(1,\); it must be one number"),
+        (lambda mu, l1, l2, l3: None, "gives None; it must be one number"),
+        (lambda mu, l1, l2: mu * l1, "raises TypeError .* positional arguments but 4 were given"),
+    ],
+)
+def test_what_is_no_energy(energy, said):
+    """A membrane that is stressed at rest, or knows its directions, was OK; what JAX cannot take was a trace-back."""
+    with pytest.raises(InputError, match=rf"^Rubber\.energy {said}"):
+        energy_of(energy)
+
+
+def test_an_energy_may_have_any_zero_and_what_is_constant_along_it():
+    """W + c, and W + f(l1 l2 l3), is the same material."""
+    energy_of(lambda mu, l1, l2, l3: 0.5 * mu * (l1**2 + l2**2 + l3**2) - 7 * mu * l1 * l2 * l3)

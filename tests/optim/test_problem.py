@@ -13,6 +13,7 @@ import softgrip_jax as sg
 from optim.problem import NEAR_LIMIT, Goal, GoalKind, Limits, Problem, Quantity, Scaling
 from optim.space import Space, Variable
 from softgrip_jax.commands import programs
+from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
 
@@ -292,3 +293,22 @@ def test_where_jax_keeps_no_programs_none_are_prepared(problem, tmp_path, monkey
     finally:
         jax.config.update("jax_enable_compilation_cache", True)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (
+            lambda goal, value, scale: 1.0 if value > 0 else 0.0,
+            r"cannot be differentiated by JAX \(line \d+ of test_prob",
+        ),
+        (lambda goal, value, scale: np.log(value), "cannot be .*; use jax.numpy in place of math and NumPy"),
+        (lambda goal, value, scale: jnp.stack([value]), r"gives an array of the shape \(1,\); it must be one number"),
+        (lambda goal, value, scale: None, "gives None; it must be one number"),
+        (lambda goal, value: value, "raises TypeError: .* takes 2 positional arguments but 3 were given"),
+    ],
+)
+def test_the_term_of_a_kind_of_ones_own_is_a_number(term, said):
+    """It ended in a trace-back of JAX in the middle of a search."""
+    with pytest.raises(InputError, match=f"^The term of the goal kind 'own' {said}"):
+        Goal(GoalKind("own", term), Quantity("force", 1e3, "lift"))

@@ -169,3 +169,44 @@ def test_an_object_of_ones_own_has_a_signed_distance(kind, slope):
     assert sg.shell.ObstacleContact(shell(), Ball()).obstacle == Ball()
     with pytest.raises(InputError, match=rf"Ball.distance changes by {slope} m per metre at .* on its surface"):
         sg.shell.ObstacleContact(shell(), Ball(kind))
+
+
+def level_set(place, gap):
+    """Of a ball over the middle: its slope on the surface is 2 R."""
+    off = place - jnp.stack([0.0 * gap, 0.0 * gap, gap + 20 * mm])
+    return off @ off - (20 * mm) ** 2
+
+
+def measured(place, factor):
+    """Of the same ball, times a factor."""
+    return factor * (sg.shell.obstacles.length(place - jnp.array([0.0, 0.0, 25 * mm])) - 20 * mm)
+
+
+@pytest.mark.parametrize(
+    ("function", "given", "slope"),
+    [(measured, 2.0, "2"), (measured, jnp.asarray(0.5), "0.5"), (level_set, jnp.asarray(5 * mm), "0.04")],
+)
+def test_a_shape_has_a_signed_distance_too(function, given, slope):
+    """Its class is of the package, and its function is not: half of the force, or twice as much, was OK."""
+    Shape = sg.shell.obstacles.Shape
+    assert sg.shell.ObstacleContact(shell(), Shape(measured, 1.0)).obstacle.parameters == 1.0
+    with pytest.raises(InputError, match=rf"Shape\.function \({function.__name__}\) changes by {slope} m per metre"):
+        sg.shell.ObstacleContact(shell(), Shape(function, given))
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (lambda place, _: 5 * mm - place[2:], r"gives an array of the shape \(1,\); it must be one number"),
+        (lambda place, _: None, "gives None; it must be one number"),
+        (lambda place, _: np.linalg.norm(place), r"cannot be differentiated by JAX \(line \d+ of test_energy_c"),
+        (
+            lambda place, _: 0.0 if place[2] > 0 else 1.0,
+            "cannot be .*; use jax.numpy in place of math and NumPy, and jnp.where in place of if",
+        ),
+        (lambda place: 5 * mm - place[2], "raises TypeError: .* takes 1 positional argument but 2 were given"),
+    ],
+)
+def test_what_is_no_distance_is_one_sentence(function, said):
+    with pytest.raises(InputError, match=rf"^Shape\.function \(<lambda>\) {said}"):
+        sg.shell.ObstacleContact(shell(), sg.shell.obstacles.Shape(function))

@@ -31,12 +31,13 @@ class SectionLaw(eqx.Module):
     """The law of one cross-section: m, n <-> z, lambda.
 
     m = M / (mu B H^2), n = N / (mu B H), z = H theta', lambda the stretch of the middle line, all dimensionless. How to
-    write one of your own: docs/extending/section-law.md.
+    write one of your own: docs/extending/section-law.md. A scene refuses one whose methods are not one law.
 
     Source: thesis 4.3 for what a section law is.
 
     Examples:
         >>> class Stiff(sg.pneunet.SectionLaw):
+        ...     stretches_at_all = False
         ...     def __call__(self, m, n):
         ...         return 3 * m, 1 + 0 * n
         ...     def loads(self, z, stretch):
@@ -73,7 +74,8 @@ class SectionLaw(eqx.Module):
     def bent(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar]:
         """(m, lambda) at the curvature z under the axial force n: one state for any pair, unlike under (m, n)."""
         law, *given = lax.stop_gradient((self, z, n))
-        found = newton_bracketed(lambda x: law.loads(given[0], x)[1] - given[1], *law.stretches(*given)).x
+        bounds = (jnp.asarray(stretch, float) for stretch in law.stretches(*given))
+        found = newton_bracketed(lambda x: law.loads(given[0], x)[1] - given[1], *bounds).x
         stretch = implicit(lambda x, args: args[0].loads(args[1], x)[1] - args[2], found, (self, z, n))
         return self.loads(z, stretch)[0], stretch
 

@@ -1,4 +1,7 @@
-"""Whether the distance of a user's own object is one: its contact would else press by a multiple of what it is."""
+"""Whether the distance of a user's own object is one: its contact would else press by a multiple of what it is.
+
+A `Shape` is a class of this package, but its function is the user's.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...errors import InputError
+from ...own import is_own, require_numbers
+from ..obstacles import Obstacle, Shape
 from .symmetry import HEIGHTS, is_known
 
 SIDE, STEPS = 5, 20
@@ -21,21 +26,31 @@ STEEP = 0.1
 
 
 def require_distance(scene: Any) -> None:
-    """An InputError where an object whose class is no part of this package has a distance that does not grow by a metre
-    per metre at its surface; nothing where its numbers are traced, or the surface is not found."""
-    package = __name__.partition(".")[0]
-    if type(scene.obstacle).__module__.partition(".")[0] == package or not is_known(scene):
+    """An InputError where an object of the user's has a distance that is no number, or does not grow by a metre per
+    metre at its surface; nothing where its numbers are traced, or the surface is not found."""
+    obstacle = scene.obstacle
+    if not (is_own(obstacle) or isinstance(obstacle, Shape)) or not is_known(scene):
         return
+    where = _name(obstacle)
+    if not require_numbers(where, obstacle, obstacle.distance, jnp.zeros(3)):
+        return  # several objects in one, made for vmap
     with jax.ensure_compile_time_eval():  # under jit, too
         places, distances, slopes = _at_surface(scene)
     off = np.where(np.abs(distances) < AT_SURFACE * float(scene.shell.a), np.abs(np.asarray(slopes) - 1), 0.0)
     worst = int(np.argmax(np.nan_to_num(off)))
     if off[worst] > STEEP:
-        where = ", ".join(f"{1e3 * x:.3g}" for x in np.asarray(places)[worst])
+        at = ", ".join(f"{1e3 * x:.3g}" for x in np.asarray(places)[worst])
         raise InputError(
-            f"{type(scene.obstacle).__name__}.distance changes by {float(slopes[worst]):.3g} m per metre at "
-            f"({where}) mm, on its surface; a signed distance changes by 1."
+            f"{where} changes by {float(slopes[worst]):.3g} m per metre at "
+            f"({at}) mm, on its surface; a signed distance changes by 1."
         )
+
+
+def _name(obstacle: Obstacle) -> str:
+    """What of it gives the distance, for messages."""
+    if isinstance(obstacle, Shape) and not is_own(obstacle):
+        return f"Shape.function ({getattr(obstacle.function, '__name__', repr(obstacle.function))})"
+    return f"{type(obstacle).__name__}.distance"
 
 
 @jax.jit

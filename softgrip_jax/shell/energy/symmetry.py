@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ...fields import is_concrete
+from ... import own
 from ..obstacles import Shape
 
 SYMMETRIC = 1e-9
@@ -39,7 +39,7 @@ def is_known(scene: Any) -> bool:
     """Whether everything about one object is known (of a user's own, parameters may be arrays)."""
     shell, obstacle = scene.shell, scene.obstacle
     leaves = jax.tree.leaves(shell if isinstance(obstacle, Shape) else (shell, obstacle))
-    return is_concrete(*jax.tree.leaves((shell, obstacle))) and all(jnp.ndim(x) == 0 for x in leaves)
+    return own.is_known((shell, obstacle)) and all(jnp.ndim(x) == 0 for x in leaves)
 
 
 def known_break(scene: Any) -> Float[Array, ""] | None:
