@@ -23,8 +23,8 @@ from ..own import is_known, is_own, require_numbers
 Scalar = Float[Array, ""]
 
 
-FORCES = (0.01, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""Normal forces, N, at which a law of the user's own is asked: from a touch to ten times what a fingertip presses."""
+FORCES = (0.01, 0.1, 0.5, 1.0)
+"""Normal forces, N, at which a law of the user's own is asked: from a touch to what a strong fingertip presses."""
 
 
 class Friction(Checked):
@@ -112,7 +112,7 @@ class FrictionLaw(Friction):
         law: function from the normal force (N) to mu_f (dimensionless); its constants are not differentiated.
 
     Raises:
-        InputError: where the law gives no finite number, zero or more, at forces up to 10 N.
+        InputError: where the law gives no finite number, zero or more, at forces up to 1 N.
 
     Source: own.
 
