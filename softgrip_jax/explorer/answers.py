@@ -233,12 +233,20 @@ def prepare_drawing(scene: Scene, pressure: float | None, task: dict[str, float]
     shapes = getattr(programs.traced(*asked), "shapes", None)
     if shapes is None or not has_sections(scene):
         return
-    blank = jax.tree.map(lambda aval: jnp.zeros(aval.shape, aval.dtype), shapes)
+    blank = jax.tree.map(_zero, shapes)
     known = jax.tree.map(lambda aval, leaf: jnp.asarray(leaf, aval.dtype), shapes.scene, asked[1])
     # On a device of their own choice, as what a program has found: XLA compiles for that.
     state = jax.device_put(dataclasses.replace(blank, scene=known), jax.devices()[0])
     with suppress(Exception):  # it is no state, and may not be drawn to its end
         sections(state)
+
+
+def _zero(aval: Any) -> jax.Array:
+    """An array of zeros like one that a program gives: a status made of Python's numbers is weakly typed, and JAX would
+    compile anew for another type."""
+    if aval.weak_type and not aval.shape:
+        return jnp.asarray(np.zeros((), aval.dtype).item())
+    return jnp.zeros(aval.shape, aval.dtype)
 
 
 def prepare_state(scene: Scene, pressure: float) -> None:
