@@ -323,6 +323,8 @@ class Outline:
     """The bent finger of a solution in mm: its line, as finely as `shape` gives it, without stretch of the pitch."""
 
     def __init__(self, solution):
+        # States that a rule forbids are drawn, too: that the rule is right is what is asked.
+        solution = dataclasses.replace(solution, status=jnp.zeros_like(solution.status))
         self.shape = {name: np.asarray(value) for name, value in solution.shape(FINE).items()}
         self.X, self.x, self.y = (self.shape[name] / mm for name in ("X", "x", "y"))
 
