@@ -73,7 +73,7 @@ def rooms() -> None:
                 look = {"fc": colour, "ec": "none"}
                 box = FancyBboxPatch((x - 0.42, height - 0.26), 0.84, 0.52, "round,pad=0,rounding_size=0.08", **look)
                 ax.add_patch(box)
-                ax.text(x, height, name, ha="center", va="center", fontsize=7)
+                ax.text(x, height, name, ha="center", va="center", fontsize=6)
         wide = max(map(len, layers)) / 2
         arrow = {"arrowstyle": "->", "color": BODY}
         ax.annotate("", (-wide - 0.2, -0.3), (-wide - 0.2, len(layers) - 0.7), arrowprops=arrow)

@@ -6,8 +6,6 @@ A search over several scenes asks several questions about one actuator. Where th
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -16,15 +14,12 @@ import numpy as np
 
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
-from softgrip_jax.fields import Checked
+from softgrip_jax.laws import laws_of, parts_of
 
 from .space import Space
 
 ACTUATORS = {sg.PneuNet: "finger", sg.FlatShell: "shell"}
 """What is shared, and what people call it."""
-
-NO_LAWS = ("symmetry", "hold")
-"""Choices that say how a scene is computed, or what holds the finger, and not how the finger behaves."""
 
 
 def differing_laws(space: Space) -> list[str]:
@@ -52,16 +47,10 @@ def require_one_law(space: Space) -> None:
         raise InputError(f"{sentences[0][:-1]}; give them the same, or set different_laws = true.")
 
 
-def laws(scene: Any) -> dict[str, str]:
-    """The choices of a scene and its parts by name, and the material models of its actuators."""
-    found = {}
-    for node in _nodes(scene):
-        for field in dataclasses.fields(node):
-            if "allowed" in field.metadata and field.name not in NO_LAWS:
-                found.setdefault(field.name, getattr(node, field.name))
-        if isinstance(node, tuple(ACTUATORS)):
-            found["material"] = type(node.material).__name__  # pyright: ignore[reportAttributeAccessIssue]
-    return found
+def laws(scene: Any) -> dict[str, Any]:
+    """The laws of a scene by name, and the material models of its actuators."""
+    made = [type(node.material).__name__ for node in parts_of(scene) if isinstance(node, tuple(ACTUATORS))]
+    return laws_of(scene) | ({"material": made[-1]} if made else {})
 
 
 def _moved_together(space: Space) -> list[tuple[str, str, str]]:
@@ -71,7 +60,7 @@ def _moved_together(space: Space) -> list[tuple[str, str, str]]:
         # Where the scenes hold NaN in place of the variable, the variable is.
         marked = space.scenes_at(jnp.asarray(np.where(np.arange(space.size) == k, np.nan, space.reference)))
         for name, scene in marked.items():
-            for node in _nodes(scene):
+            for node in parts_of(scene):
                 if isinstance(node, tuple(ACTUATORS)) and any(np.isnan(v).any() for v in jax.tree.leaves(node)):
                     moved[name].setdefault(type(node), set()).add(k)
     names = list(moved)
@@ -82,11 +71,3 @@ def _moved_together(space: Space) -> list[tuple[str, str, str]]:
         for cls in moved[one]
         if moved[one][cls] & moved[other].get(cls, set())
     ]
-
-
-def _nodes(module: Any) -> Iterator[Checked]:
-    """A module and all parts of it."""
-    if isinstance(module, Checked):
-        yield module
-        for field in dataclasses.fields(module):
-            yield from _nodes(getattr(module, field.name))

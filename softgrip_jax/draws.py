@@ -8,9 +8,8 @@ the laws of the scenes that it was fitted with, and whether the diagnostics allo
 
 from __future__ import annotations
 
-import dataclasses
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,22 +18,13 @@ import numpy as np
 
 from .config.keys import Varied, varied
 from .errors import ConfigError
+from .laws import laws_of
 from .parameters import Scenes
 
 GROUP = "posterior"
 OWNER, TIED, LAWS, USABLE, VERDICT = "owner", "keys", "laws", "usable", "verdict"
 """Attributes: of a variable, the class that its number belongs to, all of its keys, and the laws that it was found by
 (JSON; files of before have none); of the group, 0 where the diagnostics forbid its use, and why."""
-
-NO_LAWS = ("symmetry", "hold", "searching")
-"""Choices that say how a scene is computed, or what holds the finger, and not how the actuator behaves."""
-
-IDLE = {
-    ("drive", "cell"): ("section", "inclination", "combination", "moment_spread"),
-    ("drive", "small_strain"): ("inclination",),
-    ("model", "arc"): ("bending",),
-}
-"""Choices that have no part beside others."""
 
 Laws = dict[str, list[Any]]
 """Values of choices, by the name of the choice."""
@@ -99,24 +89,6 @@ def owner_of(scenes: Scenes, name: str) -> str:
     return type(reduce(getattr, path[:-1], scene)).__name__
 
 
-def laws_of(scene: Any) -> dict[str, Any]:
-    """The choices of a scene and its parts that say how the actuator behaves, by name: drive, model, inclination."""
-    found: dict[str, Any] = {}
-    for node in _parts(scene):
-        if hasattr(node, "MODEL"):
-            found.setdefault("model", node.MODEL)
-        for field in dataclasses.fields(node):
-            value = getattr(node, field.name)
-            if ("allowed" in field.metadata or isinstance(value, bool)) and field.name not in NO_LAWS:
-                # What is neither a name nor a switch is a law that somebody wrote.
-                own = (
-                    value if isinstance(value, bool) else str(value) if isinstance(value, str) else type(value).__name__
-                )
-                found.setdefault(field.name, own)
-    idle = {name for (law, value), names in IDLE.items() if found.get(law) == value for name in names}
-    return {name: value for name, value in found.items() if name not in idle}
-
-
 def other_laws(scenes: Scenes, found: Sequence[Drawn]) -> list[str]:
     """A sentence for every scene that treats numbers of a posterior by other laws than those they were found with."""
     said = []
@@ -135,14 +107,6 @@ def other_laws(scenes: Scenes, found: Sequence[Drawn]) -> list[str]:
             which = "this scene" if len(scenes) == 1 else f"the scene {name}"
             said.append(f"The numbers were found with {that}; {which} has {this}: they belong to that model.")
     return said
-
-
-def _parts(module: Any) -> Iterator[Any]:
-    """A module and all parts of it."""
-    if dataclasses.is_dataclass(module) and not isinstance(module, type):
-        yield module
-        for field in dataclasses.fields(module):
-            yield from _parts(getattr(module, field.name))
 
 
 def _is_key(scenes: Scenes, key: str, where: str) -> bool:

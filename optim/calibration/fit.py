@@ -24,7 +24,6 @@ from scipy.stats import qmc
 
 from softgrip_jax.errors import InputError
 from softgrip_jax.progress import Tell, silent
-from softgrip_jax.results import in_units
 from softgrip_jax.spread import Spread
 from softgrip_jax.units import DISPLAY
 
@@ -40,9 +39,6 @@ STARTS = 8
 
 NOISE_ROUNDS, NOISE_CONVERGED = 30, 1e-4
 """Estimated noises have converged when they change by less than this part of themselves, usually within ten rounds."""
-
-AT_THE_END = 0.998
-"""A point at more than this part of the limit pressure holds the fit: the slopes there are those of the end."""
 
 ON_BOUND = 1e-3
 """A parameter this near to a bound (of its range) is held by it."""
@@ -309,7 +305,6 @@ def finished(fitting: Fitting, member: FitMember, notes: Sequence[str] = ()) -> 
     found = fitting.statistics(predicted, member, scales)
     if not bool(end.converged):
         notes = (*notes, f"The fit had not converged after {int(end.steps)} steps.")
-    notes = (*notes, *_held_at_the_end(fitting, member, predicted))
     return Fit(
         fitting,
         member,
@@ -321,22 +316,6 @@ def finished(fitting: Fitting, member: FitMember, notes: Sequence[str] = ()) -> 
         int(end.steps),
         tuple(notes),
     )
-
-
-def _held_at_the_end(fitting: Fitting, member: FitMember, predicted: Predicted) -> list[str]:
-    """A sentence for each curve with a point next to where the model ends: a little softer, and it is lost, so that no
-    fit goes on from there, whether or not a better one lies beyond."""
-    share, used = np.asarray(predicted.response.share), np.asarray(member.weight) > 0
-    said = []
-    for k, curve in enumerate(fitting.curves):
-        held = used & (fitting.of_curve == k) & (share > AT_THE_END)
-        if held.any():
-            there = in_units(fitting.x[held].max(), "pressure")
-            said.append(
-                f"{curve.name}: the model of the fit ends just above {there}, where there is a point: that holds the "
-                "fit, so the interval says too little, and starts elsewhere may find a better one."
-            )
-    return said
 
 
 def require_data(fitting: Fitting) -> None:

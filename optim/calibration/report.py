@@ -35,6 +35,9 @@ SYSTEMATIC, SYSTEMATIC_POINTS = 0.6, 8
 """Errors of neighbouring points this much correlated (in curves of so many points) are the model's, not noise: of
 independent ones, eight exceed it in one case of thirty."""
 
+AT_THE_END = 0.998
+"""A point at more than this part of the limit pressure holds the fit: the slopes there are those of the end."""
+
 WIDER = 2.0
 """The interval over specimens is quoted when it is this many times wider than that of the fit."""
 
@@ -86,7 +89,7 @@ def examine(
         return Findings(fit, tuple(found), without, specimens, (), (*fit.notes, STOPPED), stopped=True)
     remarks = [note for curve in fit.fitting.curves for note in curve.notes]
     remarks += [*implausible(fit.fitting), *fit.notes, *(note for one in found for note in one.notes)]
-    held, correlated = on_bounds(fit), _correlated(fit, directions)
+    held, correlated = [*on_bounds(fit), *at_the_end(fit)], _correlated(fit, directions)
     remarks += [*held, *misfit(fit), *correlated, *spread_of_specimens(fit, specimens)]
     remarks += [direction.sentence() for direction in directions]
     open_ended = any(not np.all(np.isfinite([one.low, one.high])) for one in found)
@@ -189,6 +192,22 @@ def on_bounds(fit: Fit) -> list[str]:
     space = fit.fitting.space
     held = [space.names[j] for j in np.flatnonzero(fit.on_bound)]
     return [f"{name} is held by a bound: widen it, or ask whether the model or a unit is wrong." for name in held]
+
+
+def at_the_end(fit: Fit) -> list[str]:
+    """A sentence for each curve with a point next to where the model ends: a little softer, and it is lost, so that no
+    fit goes on from there, whether or not a better one lies beyond."""
+    share, said = np.asarray(fit.predicted.response.share), []
+    for k, curve in enumerate(fit.fitting.curves):
+        held = fit.used & (fit.fitting.of_curve == k) & (share > AT_THE_END)
+        if held.any():
+            there = in_units(fit.fitting.x[held].max(), "pressure")
+            said.append(
+                f"{curve.name}: the model of the fit ends just above {there}, "
+                "where there is a point: that holds the fit, so the interval says too little, and starts elsewhere may "
+                "find a better one."
+            )
+    return said
 
 
 def autocorrelation(fit: Fit, k: int) -> float:

@@ -25,7 +25,8 @@ import numpy as np
 from rich.console import Console
 
 from softgrip_jax.config.keys import Varied
-from softgrip_jax.draws import GROUP, LAWS, OWNER, TIED, USABLE, VERDICT, Laws, laws_of, owner_of
+from softgrip_jax.draws import GROUP, LAWS, OWNER, TIED, USABLE, VERDICT, Laws, owner_of
+from softgrip_jax.laws import laws_of
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY

@@ -114,9 +114,9 @@ def path(
 
     - softgrip path configs/shell_cylinder.toml --from-kPa 3 --to-kPa 20 --points 30 --animate inflation.gif
     """
-    from ..commands.path import Asked, run_path, run_path_into
+    from ..commands.path import WantedCurve, run_path, run_path_into
 
-    wanted = Asked(from_kpa, to_kpa, points, through_limit, observable, scene)
+    wanted = WantedCurve(from_kpa, to_kpa, points, through_limit, observable, scene)
     files = (csv_file, plot, animate, page)
     if out is None:
         found = run_path(config, wanted, as_json, *files)

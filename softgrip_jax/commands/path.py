@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 @dataclasses.dataclass(frozen=True)
-class Asked:
+class WantedCurve:
     """Which curve, by the options of the command."""
 
     from_kpa: float
@@ -54,7 +54,7 @@ class Asked:
 
 def run_path(
     config: Path,
-    wanted: Asked,
+    wanted: WantedCurve,
     as_json: bool = False,
     csv_file: Path | None = None,
     plot: Path | None = None,
@@ -162,7 +162,7 @@ def why_no_limit(scene: Any) -> str:
     return "it was not found" if int(state.status) == 0 else state.reason_text()
 
 
-def run_path_into(out: Path, config: Path, wanted: Asked, as_json: bool = False) -> bool:
+def run_path_into(out: Path, config: Path, wanted: WantedCurve, as_json: bool = False) -> bool:
     """The same with all its files in a new folder: the config, curve.csv, curve.png where there is a state to draw,
     report.html, and result.json with the command. Stopped by Ctrl-C it holds the rows until then."""
     stopped = False
@@ -184,7 +184,7 @@ def run_path_into(out: Path, config: Path, wanted: Asked, as_json: bool = False)
     return found
 
 
-def page_of(curve: Solution, shown: str, limit: float | None, config: Path, wanted: Asked) -> str:
+def page_of(curve: Solution, shown: str, limit: float | None, config: Path, wanted: WantedCurve) -> str:
     """The report of a curve, with its picture where there is a state to draw."""
     import numpy as np
 

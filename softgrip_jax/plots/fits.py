@@ -138,10 +138,11 @@ def _draw(ax, panel: Panel) -> None:
     ax.set_xlabel(panel.x_label)
     ax.set_ylabel(panel.y_label)
     ax.set_xlim(left=0)
-    # A line may leave the data behind (a material that locks): the data set the scale.
+    # A line may leave the data behind (a material that locks): the data set the scale. Down to zero it is shown.
     shown = panel.points or panel.lines
     measured = np.concatenate([one.y for one in shown])
-    low, high = measured.min() - FOOTROOM * np.ptp(measured), measured.max() + HEADROOM * np.ptp(measured)
+    low = min(measured.min() - FOOTROOM * np.ptp(measured), 0.0)
+    high = measured.max() + HEADROOM * np.ptp(measured)
     if high > low:
         ax.set_ylim(max(ax.get_ylim()[0], low), min(ax.get_ylim()[1], high))
     ax.legend(loc="best")

@@ -7,7 +7,7 @@ import pytest
 
 import softgrip_jax as sg
 from softgrip_jax.cli import MISTAKE, NO_ANSWER, run
-from softgrip_jax.draws import laws_of
+from softgrip_jax.laws import laws_of
 from softgrip_jax.units import kPa, mm
 
 xr = pytest.importorskip("xarray", reason="posteriors need the extra bayes")

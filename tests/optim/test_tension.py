@@ -94,7 +94,7 @@ def test_mu_of_a_window_is_the_least_squares_value(compared):
 
 @pytest.fixture(scope="module")
 def specimens():
-    """Strips of 150, 170 and 190 kPa with 1 kPa of noise, whose strains are said to be per cent."""
+    """Strips of 150, 170 and 190 kPa with 1 kPa of noise."""
     rng, strain = np.random.default_rng(1), np.linspace(0.05, 1.0, 20)
     stretch = 1 + strain
     stress = [mu * 1e3 * (stretch - stretch**-2) + 1e3 * rng.normal(size=20) for mu in (150, 170, 190)]
