@@ -71,7 +71,7 @@ def rooms() -> None:
                 x = k - (len(names) - 1) / 2
                 colour = colours.get(name, SEARCHES if name.startswith("optim") else GROUND)
                 look = {"fc": colour, "ec": "none"}
-                box = FancyBboxPatch((x - 0.42, height - 0.26), 0.84, 0.52, "round,pad=0,rounding_size=0.08", **look)
+                box = FancyBboxPatch((x - 0.46, height - 0.26), 0.92, 0.52, "round,pad=0,rounding_size=0.08", **look)
                 ax.add_patch(box)
                 ax.text(x, height, name, ha="center", va="center", fontsize=6)
         wide = max(map(len, layers)) / 2
