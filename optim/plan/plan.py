@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 from scipy.stats import qmc
 
-from softgrip_jax.draws import read_draws
+from softgrip_jax.draws import other_laws, read_draws
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.progress import Tell, silent
@@ -72,6 +72,8 @@ class Plan:
     """By measurement: as many of it alone, evenly spaced."""
     open: tuple[Open, ...]
     verdict: Verdict | None
+    remarks: tuple[str, ...] = ()
+    """Of which laws the numbers of the posterior are, where these scenes have others."""
 
     def half_widths(self, chosen: list[int]) -> np.ndarray:
         """Half of the 95 % interval of every number after measuring these, relative, shape (n,)."""
@@ -100,7 +102,7 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
     """
     table, fitting = settings.table, settings.fitting
     reference = np.asarray(fitting.space.reference)
-    draws, prior = _known(settings, reference)
+    draws, prior, remarks = _known(settings, reference)
     tell("compiling once, then every candidate at every draw")
     program = traced_once(jax.vmap(fitting.predict_with_slopes, in_axes=(0, None)))
     everywhere = np.concatenate([reference[None], draws])
@@ -166,33 +168,35 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
         spaced,
         _open(settings, np.where((most > 0)[:, None], row[0], 0.0), place, costs),
         None,
+        remarks,
     )
     if about is None or settings.decision is None:
         return plan
     return dataclasses.replace(plan, verdict=verdict(about, settings.decision, prior, given.covariance(chosen)))
 
 
-def _known(settings: Settings, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(draws of the numbers in SI, the covariance of their logarithms)."""
+def _known(settings: Settings, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """(draws of the numbers in SI, the covariance of their logarithms, what is to be said of them)."""
     table = settings.table
     if settings.spreads is not None:
         points = qmc.Sobol(len(reference), rng=table.seed).random(table.draws)
         normal = stats.norm.ppf(np.clip(points, 1e-6, 1 - 1e-6))
         draws = reference * np.exp(settings.spreads * (normal if table.draws > 1 else 0 * normal))
-        return draws, np.diag(settings.spreads**2)
+        return draws, np.diag(settings.spreads**2), ()
     path = settings.folder / str(table.posterior)
-    found = {one.number.name: one.values for one in read_draws(settings.scenes, path, settings.where)}
+    found = {one.number.name: one for one in read_draws(settings.scenes, path, settings.where)}
     missing = [number.key for number in settings.numbers if number.name not in found]
     if missing:
         raise ConfigError(f"{settings.where}: the posterior {str(path)!r} says nothing of {' and '.join(missing)}.")
-    whole = np.stack([found[number.name] for number in settings.numbers], axis=1)
+    drawn = [found[number.name] for number in settings.numbers]
+    whole = np.stack([one.values for one in drawn], axis=1)
     if np.any(whole <= 0):
         raise ConfigError(
             f"{settings.where}: the posterior {str(path)!r} has draws at or below zero; a plan needs logarithms."
         )
     covariance = np.atleast_2d(np.cov(np.log(whole), rowvar=False))
     evenly_taken = np.unique(np.linspace(0, len(whole) - 1, min(table.draws, len(whole))).astype(int))
-    return whole[evenly_taken], covariance
+    return whole[evenly_taken], covariance, tuple(other_laws(settings.scenes, drawn))
 
 
 # --- what cannot be told apart ----------------------------------------------------------------------------------------

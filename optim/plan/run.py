@@ -105,6 +105,7 @@ def record(plan: Plan) -> dict[str, Any]:
         "cost": float(np.sum(plan.candidates.costs[plan.chosen])),
         "cannot_be_told_apart": [one.sentence() for one in plan.open],
         "without_a_state": [f"{name_of(plan, k)} {place_of(plan, k)}" for k in plan.left_out],
+        "remarks": list(plan.remarks),
     }
     if verdict is not None:
         found["decision"] = {
@@ -151,8 +152,8 @@ def report(plan: Plan, console: Console) -> None:
             soft_wrap=True,
             markup=False,
         )
-    for sentence in decided_words(plan):
-        console.print(sentence, soft_wrap=True, highlight=False)
+    for sentence in (*decided_words(plan), *plan.remarks):
+        console.print(sentence, soft_wrap=True, markup=False, highlight=False)
 
 
 def decided_words(plan: Plan) -> list[str]:

@@ -94,7 +94,7 @@ def sensitivity(
 
     folder, answered = run_sensitivity(config, out, console_for(as_json))
     if as_json:
-        tell_folder(as_json, folder, {"quantities": as_data(folder)})
+        tell_folder(as_json, folder, as_data(folder))
     if not answered:
         raise typer.Exit(NO_ANSWER)
 

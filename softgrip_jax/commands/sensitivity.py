@@ -28,7 +28,7 @@ from rich.console import Console
 
 from .. import config as configs
 from ..config.keys import ObservableTable, Seed, Table, Varied, all_numbers, observed, varied
-from ..draws import read_draws
+from ..draws import Drawn, other_laws, read_draws
 from ..errors import ConfigError, located
 from ..folders import contents, new_folder
 from ..parameters import Parameter, Scenes
@@ -75,6 +75,8 @@ class Wanted(NamedTuple):
     seed: int
     draws: dict[str, np.ndarray]
     """Of the posterior, by the name of the number, SI."""
+    remarks: list[str]
+    """Of which laws its numbers are, where these scenes have others."""
 
 
 def read(config: configs.Config) -> Wanted:
@@ -86,31 +88,37 @@ def read(config: configs.Config) -> Wanted:
     tolerances = [
         None if v.tolerance is None else v.tolerance * number.unit for v, number in zip(variables, numbers, strict=True)
     ]
-    draws = _draws(config, table, numbers, tolerances, where)
+    drawn = _drawn(config, table, numbers, tolerances, where)
     quantities = observed(config.scenes, table.observables, where)
-    return Wanted(numbers, tolerances, quantities or _asked_by_solve(config), table.samples, table.seed, draws)
+    return Wanted(
+        numbers,
+        tolerances,
+        quantities or _asked_by_solve(config),
+        table.samples,
+        table.seed,
+        {one.number.name: one.values for one in drawn},
+        other_laws(config.scenes, drawn),
+    )
 
 
-def _draws(
+def _drawn(
     config: configs.Config,
     table: SensitivityTable,
     numbers: list[Varied],
     tolerances: list[float | None],
     where: str,
-) -> dict[str, np.ndarray]:
-    """The draws of the posterior, by the name of the number."""
+) -> list[Drawn]:
+    """What the posterior knows of the numbers."""
     if table.posterior is None:
-        return {}
-    found = {
-        one.number.name: one.values for one in read_draws(config.scenes, config.path.parent / table.posterior, where)
-    }
+        return []
+    found = {one.number.name: one for one in read_draws(config.scenes, config.path.parent / table.posterior, where)}
     known = [number.name for number in numbers]
     if not set(found) & set(known):
         raise ConfigError(f"{where}: the posterior knows {', '.join(found)}, and none of it is among the variables.")
     for number, tolerance in zip(numbers, tolerances, strict=True):
         if tolerance is not None and number.name in found:
             raise ConfigError(f"{where}: {number.key} has a tolerance beside the posterior; leave one of them out.")
-    return {name: values for name, values in found.items() if name in known}
+    return [one for name, one in found.items() if name in known]
 
 
 def _asked_by_solve(config: configs.Config) -> list[Quantity]:
@@ -140,13 +148,14 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> tuple[P
                 tell,
                 _joint(read_config, wanted),
             )
+        said = [*_unanswered(read_config.scenes, wanted.quantities, data["status"].values), *wanted.remarks]
+        data.attrs["remarks"] = "\n".join(said)
         (folder / "config.toml").write_bytes(configs.standalone(config))
         # HDF5 itself, on a disk that is full, would end the process.
         (folder / "sensitivity.nc").write_bytes(data.to_netcdf(engine="h5netcdf"))
         _write(folder, data)
         _draw(folder, data)
-        missing = _unanswered(read_config.scenes, wanted.quantities, data["status"].values)
-        tell_and_keep(folder, console, partial(report, data, missing=missing))
+        tell_and_keep(folder, console, partial(report, data, remarks=said))
         write_report(folder, final.name)
     console.print(f"The analysis is in {final}: {contents(final)}.", soft_wrap=True)
     return final, bool(np.any(data["status"].values == Status.OK))
@@ -212,8 +221,8 @@ def _draw(folder: Path, data: xr.Dataset) -> None:
         plots.elasticities(answered).savefig(folder / "elasticities.png")
 
 
-def report(data: xr.Dataset, console: Console, missing: Sequence[str] = ()) -> None:
-    """Tables for people, and why quantities have no value."""
+def report(data: xr.Dataset, console: Console, remarks: Sequence[str] = ()) -> None:
+    """Tables for people, and what is to be said of them: why quantities have no value, whose numbers these are."""
     names = [str(name) for name in data["quantity"].values]
     table = PrintedTable(title="elasticities: % for 1 % of", title_justify="left")
     table.add_column("")
@@ -226,7 +235,7 @@ def report(data: xr.Dataset, console: Console, missing: Sequence[str] = ()) -> N
     for by in data["by"].values:
         table.add_row(str(by), *(_signed(v) for v in data["elasticity"].sel(by=by).values))
     console.print(table)
-    for sentence in missing:
+    for sentence in remarks:
         console.print(sentence, soft_wrap=True, markup=False)
     if "share" not in data:
         return
@@ -269,7 +278,7 @@ def _number(value: Any, kind: str) -> str:
 
 
 def as_data(folder: Path) -> dict[str, Any]:
-    """Values and elasticities of the quantities of an analysis, in SI."""
+    """Values and elasticities of the quantities of an analysis, in SI, and what is to be said of them."""
     found: dict[str, Any] = {}
     with xr.open_dataset(folder / "sensitivity.nc", engine="h5netcdf") as data:
         for one in map(str, data["quantity"].values):
@@ -277,4 +286,4 @@ def as_data(folder: Path) -> dict[str, Any]:
             slopes = zip(map(str, row["by"].values), map(plain, row["elasticity"].values), strict=True)
             unit = str(row["unit"].values)
             found[one] = {"value": plain(row["value"]), "unit": unit, "elasticity": dict(slopes)}
-    return found
+        return {"quantities": found, "remarks": data.attrs["remarks"].splitlines()}

@@ -237,7 +237,8 @@ def test_a_posterior_is_what_is_known(tmp_path):
         "shell.material.mu_kPa": (("chain", "draw"), 175 * np.exp(both[..., 0])),
         "shell.t_m_mm": (("chain", "draw"), 1.1 * np.exp(both[..., 1])),
     }
-    xr.Dataset(data).to_netcdf(tmp_path / "p.nc", group="posterior", engine="h5netcdf")
+    posterior = xr.Dataset(data)
+    posterior.to_netcdf(tmp_path / "p.nc", group="posterior", engine="h5netcdf")
 
     def with_posterior(text):
         text = text.replace("spread = 0.15", "").replace("spread = 0.08", "").replace("points = 5", "points = 1")
@@ -245,9 +246,18 @@ def test_a_posterior_is_what_is_known(tmp_path):
 
     path = write(tmp_path, with_posterior)
     found = make(settings.read(configs.load(path)))
+    assert found.remarks == ()
     np.testing.assert_allclose(found.candidates.prior, [[0.02, -0.0095], [-0.0095, 0.005]], rtol=0.1)
     # Their product is nearly known, the modulus is not: a tension test, not an inflation.
     assert [plan_of(found, k) for k in found.chosen] == ["tension test"]
+    for one in posterior.values():
+        one.attrs["laws"] = json.dumps({"model": ["energy"]})
+    posterior.to_netcdf(tmp_path / "p.nc", group="posterior", engine="h5netcdf", mode="w")
+    assert run(["plan", str(path), "--out", str(tmp_path / "run")]) == 0
+    remarks = json.loads((tmp_path / "run" / "result.json").read_text())["remarks"]
+    words = 'The numbers were found with model = "energy"; the scene {} has model = "arc": they belong to that model.'
+    assert remarks == [words.format(name) for name in ("free", "plane")]
+    assert all(remark in (tmp_path / "run" / "summary.txt").read_text() for remark in remarks)
     path.write_text(path.read_text().replace("p.nc", "none.nc"))
     with pytest.raises(sg.errors.ConfigError, match="there is no posterior"):
         make(settings.read(configs.load(path)))

@@ -286,7 +286,8 @@ def test_a_posterior_and_a_tolerance_go_into_one_analysis(tmp_path, capsys, monk
     monkeypatch.chdir(tmp_path)
     draws = drawn(500).reshape(5, 100, 2)
     keys = {"shell.material.mu_kPa": draws[..., 0] / kPa, "shell.t_m_mm": draws[..., 1] / mm}
-    data = xr.Dataset({key: (("chain", "draw"), values) for key, values in keys.items()})
+    laws = {"laws": json.dumps({"model": ["energy"]})}
+    data = xr.Dataset({key: (("chain", "draw"), values, laws) for key, values in keys.items()})
     data.to_netcdf(tmp_path / "p.nc", group="posterior", engine="h5netcdf")
     text = (
         (ROOT / "configs" / "shell_free.toml").read_text(encoding="utf-8")
@@ -307,7 +308,12 @@ name = "limit_pressure_kPa"
     )
     config = tmp_path / "c.toml"
     config.write_text(text)
-    assert run(["sensitivity", str(config), "--out", str(tmp_path / "out")]) == 0
+    assert run(["sensitivity", str(config), "--json", "--out", str(tmp_path / "out")]) == 0
+    [remark] = json.loads(capsys.readouterr().out)["remarks"]
+    assert remark == (
+        'The numbers were found with model = "energy"; this scene has model = "arc": they belong to that model.'
+    )
+    assert remark in (tmp_path / "out" / "summary.txt").read_text()
     with xr.open_dataset(tmp_path / "out" / "sensitivity.nc", engine="h5netcdf") as found:
         # The limit falls with a: three numbers take part, and none of them alone has it all.
         assert float(found["share"].sum()) == pytest.approx(1)
