@@ -32,7 +32,7 @@ from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, REQUIRED, Quantity, Quan
 from ..results import Status
 from ..scene import Scene
 from ..study import load_study
-from ..study.dataset import designs_in, pieces, quantities_of, rows_of, variable_name, varied_in
+from ..study.dataset import designs_in, pieces, quantities_of, rows_of, tied_in, variable_name, varied_in
 from ..study.store import BEGUN, OLD_RESULT, STORE, opened
 from ..units import DISPLAY
 from .answers import with_unit
@@ -136,7 +136,7 @@ class Studied:
 
     def label(self, name: str) -> str:
         """The name of a column with its unit."""
-        return with_unit(name, self.kinds[name])
+        return with_unit(tied_in(self.data, name), self.kinds[name])
 
     def status(self, name: str) -> np.ndarray:
         """The statuses of the state of a quantity; of the first one for a number that varies."""

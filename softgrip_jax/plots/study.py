@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 
 from ..errors import InputError
 from ..results import Status
-from ..study.dataset import DESIGN
+from ..study.dataset import DESIGN, tied_in
 from ..units import DISPLAY
 from .figures import BLUE, GREEN, ORANGE, STYLE, VERMILION, WIDTH
 
@@ -208,7 +208,7 @@ def _parallel(data: xr.Dataset, numbers: Sequence[str], names: Sequence[str]) ->
     for name in [*numbers, *names]:
         unit = DISPLAY[data[name].attrs["kind"]]
         columns.append(np.asarray(data[name], dtype=float)[chosen] / unit[1])
-        labels.append(_stacked(data[name].attrs["long_name"] if name in names else name, unit[0]))
+        labels.append(_stacked(data[name].attrs["long_name"] if name in names else tied_in(data, name), unit[0]))
     rows = np.stack(columns, axis=1)
     status = np.stack([np.asarray(data[data[name].attrs["status"]])[chosen] for name in names], axis=1)
     answered = np.all(status == Status.OK, axis=1) & ~np.any(np.isnan(rows), axis=1)
@@ -393,7 +393,7 @@ def _patch(status: int) -> Patch:
 
 def _axis(data: xr.Dataset, name: str) -> tuple[np.ndarray, str]:
     label, unit = DISPLAY[data[name].attrs["kind"]]
-    return np.asarray(data[name]) / unit, _words(name, label)
+    return np.asarray(data[name]) / unit, _words(tied_in(data, name), label)
 
 
 def _words(name: str, unit: str) -> str:

@@ -29,6 +29,7 @@ from softgrip_jax.cli import run
 from softgrip_jax.commands import sweep
 from softgrip_jax.commands.sweep import beyond_ranges
 from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.explorer.study import open_study
 from softgrip_jax.results import Status
 from softgrip_jax.study import Grid, LatinHypercube, Range, Sobol, Table, store
 from softgrip_jax.study import study as chunks
@@ -563,6 +564,12 @@ def test_what_is_tied_is_named(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "200")
     assert run(["summary", str(out), "--best", "shell.t_m_mm"]) == 0
     assert "free.shell.a = free.shell.b" in capsys.readouterr().out
+    assert open_study(out, tmp_path).label("free.shell.a") == "free.shell.a = free.shell.b (mm)"
+    ax = plots.study(sg.study.load_study(out)).axes[0]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (
+        "free.shell.t_m = plane.shell.t_m (mm)",
+        "free.shell.a = free.shell.b (mm)",
+    )
     # The table is one of designs again, by the keys of the config or by its own columns.
     (tmp_path / "designs.csv").write_text("\n".join(",".join(row[:2]) for row in [header, *rows]))
     start, end = TIED.index("[[sweep.variables]]"), TIED.index("[[sweep.observables]]")
