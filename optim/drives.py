@@ -20,7 +20,7 @@ from softgrip_jax.errors import CellRangeWarning, InputError
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.pneunet.cell.law import range_remarks
 from softgrip_jax.pneunet.drives import remarks, with_other_drive
-from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet, all_rules
+from softgrip_jax.quantities import AT_REST, LIMIT_MARGIN, Observed, Quantity, QuantitySet, all_rules, rules_at_rest
 from softgrip_jax.questions import solve
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status, in_units
@@ -161,7 +161,7 @@ def by_other_drive(problem: Problem, x: Sequence[Any], other: OtherDrive | None 
 
 def beyond_law(problem: Problem, x: Any) -> list[str]:
     """Of a design at SI values x, the dimensions to which the cell law that pushes it was not fitted, in words."""
-    scenes: list[Any] = [one for one in problem.scenes_at(x).values() if "cell_law_range" in one.margins_at_rest()]
+    scenes: list[Any] = [one for one in problem.scenes_at(x).values() if "cell_law_range" in rules_at_rest(one)]
     return list(dict.fromkeys(sentence for scene in scenes for sentence in range_remarks(scene.finger)))
 
 

@@ -19,7 +19,16 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from softgrip_jax.errors import InputError
-from softgrip_jax.quantities import AT_REST, MARGINS, Observed, Quantity, State, all_rules, rules_at_rest
+from softgrip_jax.quantities import (
+    AT_REST,
+    MARGINS,
+    Observed,
+    Quantity,
+    State,
+    all_rules,
+    margins_at_rest,
+    rules_at_rest,
+)
 from softgrip_jax.reasons import BROKEN, RULE_NAMES, Reason
 from softgrip_jax.results import Status
 from softgrip_jax.scene import Scene, with_rules
@@ -68,7 +77,7 @@ def is_held(scene: Scene, rule: Quantity) -> bool:
     """Whether a search keeps a rule that begins with this scene. One whose parts are outside of what a law is known for
     at the beginning is not held there: its report says what is outside. States are always held."""
     with jax.ensure_compile_time_eval():  # whoever asks within a jitted function wants numbers, too
-        margin = scene.margins_at_rest().get(str(rule.rule))
+        margin = margins_at_rest(scene).get(str(rule.rule))
     return Reason[str(rule.rule).upper()].forbids or margin is None or float(margin) >= -BROKEN
 
 

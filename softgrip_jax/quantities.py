@@ -250,18 +250,34 @@ def observables_of(scene: Scene) -> dict[str, str]:
 
 def rules_at_rest(scene: Scene) -> tuple[str, ...]:
     """Names of the rules that the undeformed parts of a scene keep."""
-    return _in_order(jax.eval_shape(lambda scene: scene.prepared().margins_at_rest(), scene))
+    return _in_order(jax.eval_shape(_at_rest, _minding_all(scene)))
 
 
 def all_rules(scene: Scene) -> tuple[str, ...]:
     """Names of all rules that the states of a scene keep, and its undeformed parts; nothing is solved."""
+    return _in_order(jax.eval_shape(_of_any_state, _minding_all(scene)))
 
-    def margins(scene: Scene) -> dict[str, Scalar]:
-        scene = scene.prepared()
-        unknowns, pressure = jnp.zeros(scene.unknown_shape()), jnp.asarray(0.0)
-        return scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
 
-    return _in_order(jax.eval_shape(margins, scene))
+# JAX knows a function again that stands here, and traces it once for scenes of one kind.
+
+
+def _minding_all(scene: Scene) -> Scene:
+    """The scene without ignored rules, which have names all the same."""
+    return dataclasses.replace(scene, ignored_rules=()) if scene.ignored_rules else scene
+
+
+def _at_rest(scene: Scene) -> dict[str, Scalar]:
+    return scene.prepared().margins_at_rest()
+
+
+def _of_any_state(scene: Scene) -> dict[str, Scalar]:
+    scene = scene.prepared()
+    unknowns, pressure = jnp.zeros(scene.unknown_shape()), jnp.asarray(0.0)
+    return scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
+
+
+margins_at_rest = jax.jit(_at_rest)
+"""scene -> the margins (m) of its undeformed parts, by rule: one program, where JAX would compile every operation."""
 
 
 def _in_order(margins: Mapping[str, Any]) -> tuple[str, ...]:

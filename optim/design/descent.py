@@ -683,19 +683,19 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
 
 def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
     """A member at each row of unit values."""
-    count, u = len(t), to_free(t)
+    count, (u, memory) = len(t), jax.jit(lambda t: (to_free(t), jax.vmap(rule.init)(to_free(t))))(t)
     return SearchMember(
         u,
-        jnp.asarray(t),
-        jax.vmap(rule.init)(u),
-        jnp.zeros((count, constraints)),
-        jnp.full(count, PENALTY, float),
-        jnp.full(count, jnp.inf, float),
-        jnp.zeros(count, int),
-        jnp.full(count, jnp.inf, float),
-        jnp.full(count, jnp.nan, float),
-        jnp.asarray(t),
-        jnp.full(count, jnp.inf, float),
+        t,
+        memory,
+        np.zeros((count, constraints)),
+        np.full(count, PENALTY),
+        np.full(count, np.inf),
+        np.zeros(count, int),
+        np.full(count, np.inf),
+        np.full(count, np.nan),
+        t,
+        np.full(count, np.inf),
     )
 
 
@@ -766,7 +766,7 @@ def _descend(
             if step % PERIOD == PERIOD - 1:
                 left, rest = company.look(moving, before, np.asarray(members.rank)), np.array(members.stalled)
                 rest[left] = PERIOD
-                members, moving = members._replace(stalled=jnp.asarray(rest)), np.setdiff1d(moving, left)
+                members, moving = members._replace(stalled=rest), np.setdiff1d(moving, left)
             rank = np.asarray(members.best_rank)
             best = rank.min()
             feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))

@@ -82,7 +82,6 @@ def program(
     `compiler`.
     """
     import jax
-    import jax.numpy as jnp
     import numpy as np
     from jax import export
 
@@ -91,7 +90,8 @@ def program(
     leaves, tree = jax.tree.flatten(args)
     numbers = [k for k, leaf in enumerate(leaves) if not isinstance(leaf, str)]
     words = [leaf for leaf in leaves if isinstance(leaf, str)]
-    arrays = [jnp.asarray(leaves[k]) for k in numbers]
+    # Not `jnp.asarray`, which compiles a program for every shape.
+    arrays = [jax.device_put(leaves[k]) for k in numbers]
     file = _folder / f"{_key(function, tree, arrays, [*words, about])}.traced"
     try:
         content, template = pickle.loads(file.read_bytes())
@@ -122,7 +122,7 @@ def program(
         called = _waited_for(compiled)
         given = jax.tree.leaves(args)
         # JAX takes NumPy's arrays as they are, in a tenth of the time; a bare number it would take for another type.
-        of_numpy = [given[k] if isinstance(given[k], np.ndarray) else jnp.asarray(given[k]) for k in numbers]
+        of_numpy = [given[k] if isinstance(given[k], np.ndarray) else jax.device_put(given[k]) for k in numbers]
         return jax.tree.unflatten(out, called(*of_numpy))
 
     run.shapes = jax.tree.unflatten(out, exported.out_avals)  # type: ignore[attr-defined]
