@@ -32,7 +32,7 @@ from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, REQUIRED, Quantity, Quan
 from ..results import Status
 from ..scene import Scene
 from ..study import load_study
-from ..study.dataset import designs_in, pieces, quantities_of, rows_of, tied_in, variable_name, varied_in
+from ..study.dataset import answers, designs_in, pieces, quantities_of, rows_of, tied_in, variable_name, varied_in
 from ..study.store import BEGUN, OLD_RESULT, STORE, opened
 from ..units import DISPLAY
 from .answers import with_unit
@@ -232,7 +232,7 @@ def edges_of(study: Studied, name: str) -> np.ndarray:
 
 
 def binned_mean(study: Studied, x: str, y: str, value: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(edges of x, edges of y, means, counts) of a quantity over two numbers, SI, over all designs that have a value.
+    """(edges of x, edges of y, means, counts) of a quantity over two numbers, SI, over all designs that have an answer.
 
     A design without a limit has no margin before it: inf, or `NO_LIMIT_MARGIN` in older studies. The means have shape
     (cells of x, cells of y), NaN where a cell has no design.
@@ -241,8 +241,9 @@ def binned_mean(study: Studied, x: str, y: str, value: str) -> tuple[np.ndarray,
     shape = len(ends[0]) - 1, len(ends[1]) - 1
     is_margin = LIMIT_MARGIN in value
     total, count = np.zeros(shape), np.zeros(shape, int)
-    for part in pieces(study.data, list(dict.fromkeys([x, y, value]))):
-        known = np.isfinite(part[value]) & ~(is_margin & (part[value] == NO_LIMIT_MARGIN))
+    for part in pieces(study.data, list(dict.fromkeys([x, y, value, study.data[value].attrs["status"]]))):
+        known = answers(study.data, part, value) & np.isfinite(part[value])
+        known &= ~(is_margin & (part[value] == NO_LIMIT_MARGIN))
         places = [
             np.clip(np.searchsorted(edges, part[name][known], side="right") - 1, 0, size - 1)
             for name, edges, size in zip((x, y), ends, shape, strict=True)
@@ -469,7 +470,8 @@ def parallel_axes(study: Studied) -> dict[str, Any]:
     """Lines through one axis a number and a quantity, as a figure of Plotly; designs without an answer have none."""
     names = axes_of(study)
     columns = np.array([study.shown(name) for name in names])
-    whole = np.flatnonzero(np.all(np.isfinite(columns), axis=0))
+    answered = [answers(study.data, study.rows, name) for name in study.quantities]
+    whole = np.flatnonzero(np.all(np.isfinite(columns), axis=0) & np.all(answered, axis=0))
     kept = (
         whole[np.unique(np.linspace(0, max(len(whole) - 1, 0), MOST_LINES).round().astype(int))]
         if len(whole)

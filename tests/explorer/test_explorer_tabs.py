@@ -440,17 +440,21 @@ def test_a_margin_of_undeformed_parts_has_no_task(of_csv, page):
     assert (page.session.own_task, page.session.task) == (True, {"force": 4.0})
 
 
-def test_a_mean_leaves_out_what_has_no_limit():
-    """inf, and the 1e6 that studies had in its place; 1e6 of anything else is a value."""
-    values = np.array([[2.0, 1e6], [np.inf, np.nan], [3.0, 5.0]])
+def test_a_mean_leaves_out_what_has_no_limit_and_what_has_no_answer():
+    """inf, and the 1e6 that studies had in its place; 1e6 of anything else is a value. A margin is known of designs
+    that cannot exist, and without contact the force is 0: neither is an answer."""
+    values = np.array([[2.0, 1e6], [np.inf, np.nan], [3.0, 5.0], [1.2, 0.0]])
+    statuses = np.array([[0, 0], [0, 0], [0, 0], [3, 1]])
     names = ("limit_margin_at_12_kPa", "force_at_12_kPa")
     data = xr.Dataset(
-        {name: (("x", "y"), values, {"status": ""}) for name in names}, {"x": np.arange(3.0), "y": [0, 1]}
+        {name: (("x", "y"), values, {"status": "status_at_12_kPa"}) for name in names}
+        | {"status_at_12_kPa": (("x", "y"), statuses)},
+        {"x": np.arange(4.0), "y": [0, 1]},
     )
     study = Studied(data, ["x", "y"], list(names), {}, {}, None, {})
     for name, of_large in zip(names, (np.nan, 1e6), strict=True):
         mean, count = binned_mean(study, "x", "y", name)[2:]
-        np.testing.assert_array_equal(mean, [[2, of_large], [np.nan, np.nan], [3, 5]])
+        np.testing.assert_array_equal(mean, [[2, of_large], [np.nan, np.nan], [3, 5], [np.nan, np.nan]])
         np.testing.assert_array_equal(count, np.isfinite(mean))
 
 

@@ -81,6 +81,16 @@ def sizes(finger: PneuNet) -> Array:
     return jnp.stack([getattr(finger, name) / finger.B for name in form.SIZES])
 
 
+MOST_OPEN, MOST_CLOSED = 2.6, 2.5
+"""Where the states end that the law was fitted to: curvature times B forwards, and backwards over that at which rims of
+rigid neighbours meet. Not far beyond the law says of a cell without pressure that it bends itself."""
+
+
+def known_curvatures(finger: PneuNet) -> tuple[Scalar, Scalar]:
+    """The curvatures (1/m) of a uniform finger, or of one segment, between which its cell is known."""
+    return -MOST_CLOSED * form.rims_meet(sizes(finger)) / finger.B, MOST_OPEN / finger.B
+
+
 def cell_of(finger: PneuNet, pressure: Scalar) -> LoadedCell:
     """The cell of a uniform finger, or of one segment, at a pressure (Pa)."""
     return LoadedCell(form.loaded(numbers(), sizes(finger), pressure / finger.material.shear_modulus()))

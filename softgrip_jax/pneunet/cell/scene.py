@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Float
 
 from ...curve_scene import CurveScene
 from ...fields import finite, part
+from ...numerics.implicit import implicit
+from ...numerics.scalar_roots import newton_bracketed
 from ...reasons import Reason
 from ...results import Status
 from ..finger import PneuNet
 from ..rules import margins_of_parts
 from ..wall.arc import one_chamber
-from .law import LARGEST_PRESSURE, MOST_BENT, cell_of, range_margin, warn_outside
+from .law import LARGEST_PRESSURE, cell_of, known_curvatures, range_margin, warn_outside
 
 Scalar = Float[Array, ""]
 
 LEAST_STRETCH, MOST_STRETCH = 0.7, 2.0
-"""Of the cover's mid-height. The cells of the data are stretched by 0.999 to 1.19, and bent by -0.05 to 0.11 per mm.
-Where rims are pressed on each other twice as far as they meet the law has 0.8 to 1.8, and further out anything."""
+"""Of the cover's mid-height. The cells of the data are stretched by 0.999 to 1.19. Where rims are pressed on each other
+twice as far as they meet the law has 0.8 to 1.8."""
+PLACES = 33
+"""Pressures at which the stretch is looked at."""
 
 
 class Cell(CurveScene):
@@ -49,7 +54,9 @@ class Cell(CurveScene):
 
     Source: own; docs/theory/cell.md. Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
     of finite elements' blocked moment from 5 to 31 kPa; it is worse where rims are about to meet. BEYOND_LIMIT above p
-    = 0.24 mu, where the cover's mid-height is stretched by less than 0.7 or more than 2, and beyond |H kappa| = 1.5.
+    = 0.24 mu, from where the cover's mid-height is stretched by less than 0.7 or more than 2, and at all pressures
+    where the cell is bent as none that the law was fitted to: kappa above 2.6 / B, or backwards beyond 2.5 times the
+    curvature at which the rims of rigid neighbours meet (130 and -52 1/m for type A).
 
     Examples:
         >>> blocked = sg.solve(sg.pneunet.Cell(sg.PneuNet.table_5_1("A")), 15 * kPa)
@@ -77,8 +84,27 @@ class Cell(CurveScene):
         return margins_of_parts(self.finger) | {"cell_law_range": range_margin(self.finger)}
 
     def interval(self):
+        """To the end of the law, or to where the stretch leaves what is known; empty for a curvature that is not."""
         zero = jnp.zeros_like(self.finger.L)
-        return zero, zero + LARGEST_PRESSURE
+        low, high = known_curvatures(self.finger)
+        known = (self.curvature >= low) & (self.curvature <= high)
+        return zero, jnp.where(known, self._stretched(), zero)
+
+    def _stretched(self) -> Scalar:
+        """The first pressure, over mu, at which the stretch leaves what is known; LARGEST_PRESSURE at most."""
+
+        def room(p, scene):
+            """Positive within."""
+            stretch = scene.bent(p)[1]
+            return (stretch - LEAST_STRETCH) * (MOST_STRETCH - stretch)
+
+        places = LARGEST_PRESSURE * jnp.linspace(0.0, 1.0, PLACES)
+        within = jax.vmap(room, (0, None))(places, self) > 0
+        first = jnp.argmin(within)  # 0 where all are within
+        high, low = places[first], places[jnp.maximum(first - 1, 0)]
+        found = newton_bracketed(lambda p: -room(p, self), low, high, high).x
+        left = implicit(room, found, self)
+        return jnp.where(jnp.all(within), LARGEST_PRESSURE, jnp.where(first > 0, left, 0.0))
 
     def load(self, angle):
         """The unknown is p / mu itself."""
@@ -94,22 +120,26 @@ class Cell(CurveScene):
         return self.finger.material.shear_modulus()
 
     def verified(self, found):
-        """Nothing is known, too, of a cell that is bent or stretched as none that the law was fitted to."""
+        """Where no pressure has a state, it is the law that ends."""
         found = super().verified(found)
-        bent = jnp.abs(self.finger.H * self.curvature) > MOST_BENT
-        stretch = lax.stop_gradient(self.observe(found.unknowns, found.pressure)["stretch"])
-        unknown = (found.status == Status.OK) & (bent | ~((stretch >= LEAST_STRETCH) & (stretch <= MOST_STRETCH)))
+        start, end = lax.stop_gradient(self.interval())
+        unknown = self.can_exist() & (start >= end)
         return found._replace(
             status=jnp.where(unknown, Status.BEYOND_LIMIT, found.status),
             reason=jnp.where(unknown, int(Reason.CELL_LAW_ENDS), found.reason),
         )
 
+    def bent(self, share: Scalar) -> tuple[Scalar, Scalar]:
+        """(moment over mu B^3, stretch) at a pressure over mu."""
+        f = self.finger
+        cell = cell_of(f, share * self.pressure_scale())
+        return cell.bent(self.curvature * f.B, self.axial_force / (self.pressure_scale() * f.B**2))
+
     def observe(self, angle, pressure):
         f = self.finger
         unit = self.pressure_scale() * f.B**2
-        cell, k = cell_of(f, angle * self.pressure_scale()), self.curvature * f.B
-        moment, stretch = cell.bent(k, self.axial_force / unit)
-        force, lever = cell.touched(k)
+        moment, stretch = self.bent(angle)
+        force, lever = cell_of(f, angle * self.pressure_scale()).touched(self.curvature * f.B)
         return {
             "moment": moment * unit * f.B,
             "contact_force": force * unit,
