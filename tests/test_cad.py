@@ -11,6 +11,7 @@ import sys
 from collections import Counter
 from itertools import pairwise
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, event, given, settings
@@ -200,7 +201,7 @@ def test_fingers_that_cannot_be_made(changed, table, says):
     [
         (a_shell(t_m=0.3), {}, "t_m_mm is 0.3 mm; it must be at least 0.5 mm"),
         (a_shell(), {"rim_mm": 2.5}, "rim_mm is 2.5 mm; it must be at least 3 mm"),
-        (a_shell(), {"ring_mm": 6}, "the ring would be 1 mm inside the object"),
+        (a_shell(), {"ring_mm": 6}, "ring_mm is 6 mm; it must be less than 5 mm, where the object begins"),
         (a_shell(a=1.5), {}, "the air has no way in"),
         (a_shell(b=120), {}, "larger than the printer's bed"),
     ],
@@ -217,8 +218,9 @@ SMALL_PAD = a_shell(a=7.5, b=7.5)
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "the ring would be 1 mm inside the object"),
-        (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), "mm inside the object"),
+        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "it must be less than 1 mm"),
+        # At the outer edge, 20.7 mm from the middle, the plane is at 5 - 20.7 tan 0.35 mm, behind the membrane.
+        (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), r"touches even a ring of 0\.8 mm"),
         (sg.shell.Plate(a_shell()), "A Plate does not say what its membrane touches"),
         (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=5 * mm), ""),
         (sg.shell.Free(a_shell()), ""),
@@ -230,6 +232,74 @@ def test_the_ring_is_clear_of_the_object(scene, says):
         return
     with pytest.raises(InputError, match=says):
         cad.export_of(scene, cad.ManufactureTable())
+
+
+def a_step(place, edge):
+    """The half space y < edge, above z = 1.3 mm."""
+    return jnp.maximum(place[1] - edge, 1.3 * mm - place[2])
+
+
+def a_bar(place, low):
+    """A bar of 0.5 x 0.5 mm along x, at y = 10.1 mm, which begins at z = low."""
+    return jnp.max(jnp.abs(place[1:] - jnp.stack([10.1 * mm, low + 0.25 * mm]))) - 0.25 * mm
+
+
+def nowhere(place, parameters):
+    """A distance that is no number far from the middle."""
+    return jnp.sqrt(5 * mm - jnp.abs(place[1])) + 1.0
+
+
+obstacles = sg.shell.obstacles
+
+
+@pytest.mark.parametrize(
+    ("body", "begins"),
+    [
+        # Rods and a bar through the ring, wherever they lie along its edge, begin over it where they begin.
+        (obstacles.Cylinder(radius=0.7 * mm, gap=1 * mm), 1.0),
+        (obstacles.Cylinder(radius=1.5 * mm, gap=1 * mm), 1.0),
+        (obstacles.Cylinder(radius=1.5 * mm, gap=1 * mm, offset_y=0.7 * mm), 1.0),
+        (obstacles.Shape(a_bar, jnp.asarray(1.1 * mm)), 1.1),
+        # A ball over the middle of the border, and one that meets the inner edge x = 16 mm alone, by 0.1 mm:
+        # there it begins at gap + R - sqrt(R^2 - 5^2).
+        (obstacles.Sphere(radius=3 * mm, gap=1.2 * mm, offset_x=22.03 * mm, offset_y=0.09 * mm), 1.2),
+        (obstacles.Sphere(radius=10 * mm, gap=0.56 * mm, offset_x=11 * mm), 10.56 - 75**0.5),
+        # The ring ends at y = -43 and -56.2 mm.
+        (obstacles.Shape(a_step, jnp.asarray(-43.0 * mm)), 1.3),
+        (obstacles.Shape(a_step, jnp.asarray(-56.2 * mm)), 1.3),
+        (obstacles.Shape(a_step, jnp.asarray(-56.21 * mm)), None),
+        (obstacles.Sphere(radius=10 * mm, gap=0.67 * mm, offset_x=11 * mm), None),
+        (obstacles.Cylinder(radius=0.7 * mm, gap=2.05 * mm), None),
+    ],
+)
+def test_what_is_told_of_the_ring_is_where_the_object_begins(body, begins):
+    """By hand, for a ring of 2 mm: a ring as thick as is told is clear, and 0.05 mm more is not."""
+    if begins is None:
+        cad.check_ring(body, a_shell(), TABLE)
+        return
+    with pytest.raises(InputError, match=r"^ring_mm is 2 mm; it must be less than ") as caught:
+        cad.check_ring(body, a_shell(), TABLE)
+    (told,) = re.findall(r"less than ([\d.]+) mm", str(caught.value))
+    assert begins - 0.01 <= float(told) <= begins + 0.05
+    cad.check_ring(body, a_shell(), cad.ManufactureTable(ring_mm=float(told) - 0.01))
+    with pytest.raises(InputError):
+        cad.check_ring(body, a_shell(), cad.ManufactureTable(ring_mm=begins + 0.05))
+
+
+def test_an_object_that_no_ring_is_clear_of():
+    with pytest.raises(InputError, match=r"even a ring of 0\.8 mm .* keep the object farther from the frame\.$"):
+        cad.check_ring(obstacles.Cylinder(radius=0.7 * mm, gap=0.4 * mm), a_shell(), TABLE)
+    with pytest.raises(InputError, match=r"^The distance of the object is not a number .* 0 mm above the membrane"):
+        cad.check_ring(obstacles.Shape(nowhere), a_shell(), TABLE)
+
+
+def test_a_shallow_cavity_is_measured_within_its_depth():
+    """The cavity is 0.5 mm deep, the bead 2 mm: the wall between them ends at the cavity's floor."""
+    export = cad.shell_export(a_shell(), cad.ManufactureTable(cavity_mm=0.5), False)
+    found = list(cad.check_thicknesses(export, {piece.name: piece.solid for piece in export.pieces}))
+    assert [check for check in found if not check.good] == []
+    (wall,) = (check for check in found if check.what == "frame between cavity and groove")
+    assert wall.expected == pytest.approx(6 - 2 - 0.2)
 
 
 CONFIG = """

@@ -67,9 +67,6 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True, d
                 "clear of it; export shell.Free with the same shell where it touches nothing."
             )
         export = shell_export(actuator, table, with_moulds)
-        # The arcs know their object by its numbers, their twin by energy by its distance.
-        twin = scene.energy_scene() if isinstance(scene, ShellScene) else scene.prepared()
-        check_ring(getattr(twin, "body", None), actuator, table)
     else:
         mould = actuator if drawn is None else actuator_of(drawn)
         assert isinstance(mould, PneuNet)
@@ -80,4 +77,8 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True, d
             facts = export.facts | {"fingers": f"{gripper.n}: cast and print every part but the base as often"}
             export = dataclasses.replace(export, pieces=[*export.pieces, base], facts=facts)
     check_bed(printed(export, growth(table)), table)
+    if isinstance(actuator, FlatShell):
+        # The arcs know their object by its numbers, their twin by energy by its distance.
+        twin = scene.energy_scene() if isinstance(scene, ShellScene) else scene.prepared()
+        check_ring(getattr(twin, "body", None), actuator, table)
     return export
