@@ -4,6 +4,7 @@ import dataclasses
 import html
 import json
 import locale
+import math
 import re
 import shutil
 import subprocess
@@ -300,6 +301,74 @@ def test_a_shallow_cavity_is_measured_within_its_depth():
     assert [check for check in found if not check.good] == []
     (wall,) = (check for check in found if check.what == "frame between cavity and groove")
     assert wall.expected == pytest.approx(6 - 2 - 0.2)
+
+
+def test_a_port_leaves_walls_of_the_end_cap():
+    """By hand: foot 5 + 2 + 2 x 1.5 mm high, 7.2 mm of cap around it, the port 6 mm above its lower face: 11.2 mm to
+    the upper edge, of which 0.8 mm stay."""
+    free = sg.pneunet.Free(a_finger())
+    cad.export_of(free, cad.ManufactureTable(port_mm=20.8), with_moulds=False)
+    for port in (20.9, 22, 24, 40):
+        with pytest.raises(InputError, match=f"^port_mm is {port} mm; it must be at most 20.8 mm: least_wall_mm of "):
+            cad.export_of(free, cad.ManufactureTable(port_mm=port))
+    # With a high tunnel the screws are next: their middles are 13.7 mm beside the port's and 9.7 mm below.
+    high = {"channel_wall_mm": 5.0, "foot_mm": 20.0}
+    least = 2 * (math.hypot(13.7, 9.7) - 1.6 - 0.8)
+    wide = cad.ManufactureTable(**high, port_mm=30)
+    with pytest.raises(InputError, match=rf"at most {min(least, 2 * (13.2 - 0.8)):.4g} mm"):
+        cad.export_of(free, wide)
+
+
+@pytest.mark.parametrize(
+    ("radius", "most"), [(25, 2 * (math.hypot(18.5, 12.5) - 1.6 - 0.8 - 5)), (60, 2 * (math.hypot(82, 22) - 66 - 5))]
+)
+def test_a_port_leaves_walls_of_the_gripper_base(radius, most):
+    """By hand, with 5 mm of clearance: the hole is 10 mm wider than the port, and the screws, 3.2 mm wide, stand
+    18.5 mm beside its middle and 12.5 mm above it. The plate's edge is 0.8 mm beyond the end caps' corners, which are
+    22 mm beside the plane of the finger and 22 mm behind its cover's face."""
+    gripper = sg.pneunet.Gripper(a_finger(), n=3, base_radius=radius * mm)
+    loose = {"clearance_mm": 5, "mould_wall_mm": 16}
+    cad.gripper_base(gripper, cad.ManufactureTable(**loose, port_mm=most))
+    with pytest.raises(InputError, match=rf"at most {most:.4g} mm: a hole for it, with clearance_mm"):
+        cad.gripper_base(gripper, cad.ManufactureTable(**loose, port_mm=most + 0.1))
+
+
+@pytest.mark.parametrize(
+    ("changed", "table", "says"),
+    [
+        # Two segments of one chamber each: between them are h_x of both, 0.6 + 0.7 mm, and no fin of 2 h_x.
+        (
+            {"a": [9.0, 5.0], "h_x": [0.6, 0.7], "L": 5.4 + 5.6},
+            {},
+            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.3 mm thick",
+        ),
+        (
+            {"a": [5.0, 9.0], "h_x": [0.7, 0.5], "L": 5.6 + 5.2},
+            {},
+            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.2 mm thick",
+        ),
+        # One chamber alone has the fin between it and the foot, least_core_mm thick at least.
+        ({"a": 9.0, "h_x": 0.5, "L": 5.2}, {}, "behind the first chamber, h_x_mm, is 20 mm high and 1 mm thick"),
+    ],
+)
+def test_every_fin_of_the_mould_is_asked(changed, table, says):
+    with pytest.raises(InputError) as caught:
+        cad.export_of(sg.pneunet.Free(a_finger(**changed)), cad.ManufactureTable(**table))
+    assert says in str(caught.value)
+
+
+def test_a_fin_may_be_as_slender_as_is_allowed():
+    """12 mm high and 0.8 mm thick, 15 to 1, wherever the chambers stand along the finger."""
+    table = cad.ManufactureTable(least_core_mm=0.8)
+    cad.export_of(sg.pneunet.Free(a_finger(h_x=0.4, L=20.3)), table, with_moulds=False)
+
+
+def test_a_fin_that_no_mould_has_is_not_asked():
+    """Segments of one chamber have no gap of 2 h_x = 0.8 mm within them, but one of 0.4 + 1.0 mm between them."""
+    finger = a_finger(h_x=[0.4, 1.0], L=5.0 + 6.2)
+    one, other = chambers_of(finger)
+    assert other.start - one.end == pytest.approx(1.4)
+    cad.export_of(sg.pneunet.Free(finger), TABLE, with_moulds=False)
 
 
 CONFIG = """
