@@ -333,6 +333,27 @@ def test_a_port_leaves_walls_of_the_gripper_base(radius, most):
         cad.gripper_base(gripper, cad.ManufactureTable(**loose, port_mm=most + 0.1))
 
 
+@pytest.mark.parametrize("fingers", [1, 2, 4])
+def test_the_sheet_of_a_shell_grasp_weighs_for_all_fingers(fingers):
+    """44 x 98 x 1.1 mm of sheet with its bead, 1.08 g/cm^3, 15 % more, half of it part A."""
+    grasp = sg.shell.Grasp(a_shell(), radius=20 * mm, gap=5 * mm, mass=0.5, fingers=fingers)
+    export = cad.export_of(grasp, TABLE, with_moulds=False)
+    grams = (44 * 98 * 1.1 + 2 * (44 * 98 - 40 * 94)) / 1000 * 1.08 * 1.15 / 2
+    page = cad.as_html("pad", cad.sheet(export, TABLE, [], [], [], 1.001))
+    assert "The masses are of one piece each" in page
+    every, whole = f"{fingers}: cast and print every part as often", f"{fingers * grams:.1f} g of A"
+    assert (every in page) == (whole in page) == (fingers > 1)
+
+
+def test_the_sheet_of_a_finger_grasp_weighs_for_all_fingers():
+    gripper = sg.pneunet.Gripper(a_finger(), n=3, base_radius=30 * mm)
+    grasp = sg.pneunet.Grasp(gripper, sg.objects.Cylinder(radius=18 * mm, mass=0.02, friction=1.0))
+    export = cad.export_of(grasp, TABLE, with_moulds=False)
+    grams = 3 * (named(export, "body").volume + named(export, "base layer").volume) / 1000 * 1.08 * 1.15 / 2
+    assert f"the 3 fingers need 3 of each, {grams:.1f} g of A and" in cad.silicone_of_all(export, TABLE)
+    assert export.facts["fingers"] == "3: cast and print every part but the base as often"
+
+
 @pytest.mark.parametrize(
     ("changed", "table", "says"),
     [
