@@ -4,6 +4,7 @@ import dataclasses
 import html
 import json
 import locale
+import math
 import re
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import sys
 from collections import Counter
 from itertools import pairwise
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, event, given, settings
@@ -200,7 +202,7 @@ def test_fingers_that_cannot_be_made(changed, table, says):
     [
         (a_shell(t_m=0.3), {}, "t_m_mm is 0.3 mm; it must be at least 0.5 mm"),
         (a_shell(), {"rim_mm": 2.5}, "rim_mm is 2.5 mm; it must be at least 3 mm"),
-        (a_shell(), {"ring_mm": 6}, "the ring would be 1 mm inside the object"),
+        (a_shell(), {"ring_mm": 6}, "ring_mm is 6 mm; it must be less than 5 mm, where the object begins"),
         (a_shell(a=1.5), {}, "the air has no way in"),
         (a_shell(b=120), {}, "larger than the printer's bed"),
     ],
@@ -217,8 +219,9 @@ SMALL_PAD = a_shell(a=7.5, b=7.5)
 @pytest.mark.parametrize(
     ("scene", "says"),
     [
-        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "the ring would be 1 mm inside the object"),
-        (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), "mm inside the object"),
+        (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=1 * mm), "it must be less than 1 mm"),
+        # At the outer edge, 20.7 mm from the middle, the plane is at 5 - 20.7 tan 0.35 mm, behind the membrane.
+        (sg.shell.InclinedContact(SMALL_PAD, distance=5 * mm, angle=0.35), r"touches even a ring of 0\.8 mm"),
         (sg.shell.Plate(a_shell()), "A Plate does not say what its membrane touches"),
         (sg.shell.CylinderContact(a_shell(), radius=20 * mm, gap=5 * mm), ""),
         (sg.shell.Free(a_shell()), ""),
@@ -230,6 +233,163 @@ def test_the_ring_is_clear_of_the_object(scene, says):
         return
     with pytest.raises(InputError, match=says):
         cad.export_of(scene, cad.ManufactureTable())
+
+
+def a_step(place, edge):
+    """The half space y < edge, above z = 1.3 mm."""
+    return jnp.maximum(place[1] - edge, 1.3 * mm - place[2])
+
+
+def a_bar(place, low):
+    """A bar of 0.5 x 0.5 mm along x, at y = 10.1 mm, which begins at z = low."""
+    return jnp.max(jnp.abs(place[1:] - jnp.stack([10.1 * mm, low + 0.25 * mm]))) - 0.25 * mm
+
+
+def nowhere(place, parameters):
+    """A distance that is no number far from the middle."""
+    return jnp.sqrt(5 * mm - jnp.abs(place[1])) + 1.0
+
+
+obstacles = sg.shell.obstacles
+
+
+@pytest.mark.parametrize(
+    ("body", "begins"),
+    [
+        # Rods and a bar through the ring, wherever they lie along its edge, begin over it where they begin.
+        (obstacles.Cylinder(radius=0.7 * mm, gap=1 * mm), 1.0),
+        (obstacles.Cylinder(radius=1.5 * mm, gap=1 * mm), 1.0),
+        (obstacles.Cylinder(radius=1.5 * mm, gap=1 * mm, offset_y=0.7 * mm), 1.0),
+        (obstacles.Shape(a_bar, jnp.asarray(1.1 * mm)), 1.1),
+        # A ball over the middle of the border, and one that meets the inner edge x = 16 mm alone, by 0.1 mm:
+        # there it begins at gap + R - sqrt(R^2 - 5^2).
+        (obstacles.Sphere(radius=3 * mm, gap=1.2 * mm, offset_x=22.03 * mm, offset_y=0.09 * mm), 1.2),
+        (obstacles.Sphere(radius=10 * mm, gap=0.56 * mm, offset_x=11 * mm), 10.56 - 75**0.5),
+        # The ring ends at y = -43 and -56.2 mm.
+        (obstacles.Shape(a_step, jnp.asarray(-43.0 * mm)), 1.3),
+        (obstacles.Shape(a_step, jnp.asarray(-56.2 * mm)), 1.3),
+        (obstacles.Shape(a_step, jnp.asarray(-56.21 * mm)), None),
+        (obstacles.Sphere(radius=10 * mm, gap=0.67 * mm, offset_x=11 * mm), None),
+        (obstacles.Cylinder(radius=0.7 * mm, gap=2.05 * mm), None),
+    ],
+)
+def test_what_is_told_of_the_ring_is_where_the_object_begins(body, begins):
+    """By hand, for a ring of 2 mm: a ring as thick as is told is clear, and 0.05 mm more is not."""
+    if begins is None:
+        cad.check_ring(body, a_shell(), TABLE)
+        return
+    with pytest.raises(InputError, match=r"^ring_mm is 2 mm; it must be less than ") as caught:
+        cad.check_ring(body, a_shell(), TABLE)
+    (told,) = re.findall(r"less than ([\d.]+) mm", str(caught.value))
+    assert begins - 0.01 <= float(told) <= begins + 0.05
+    cad.check_ring(body, a_shell(), cad.ManufactureTable(ring_mm=float(told) - 0.01))
+    with pytest.raises(InputError):
+        cad.check_ring(body, a_shell(), cad.ManufactureTable(ring_mm=begins + 0.05))
+
+
+def test_an_object_that_no_ring_is_clear_of():
+    with pytest.raises(InputError, match=r"even a ring of 0\.8 mm .* keep the object farther from the frame\.$"):
+        cad.check_ring(obstacles.Cylinder(radius=0.7 * mm, gap=0.4 * mm), a_shell(), TABLE)
+    with pytest.raises(InputError, match=r"^The distance of the object is not a number .* 0 mm above the membrane"):
+        cad.check_ring(obstacles.Shape(nowhere), a_shell(), TABLE)
+
+
+def test_a_shallow_cavity_is_measured_within_its_depth():
+    """The cavity is 0.5 mm deep, the bead 2 mm: the wall between them ends at the cavity's floor."""
+    export = cad.shell_export(a_shell(), cad.ManufactureTable(cavity_mm=0.5), False)
+    found = list(cad.check_thicknesses(export, {piece.name: piece.solid for piece in export.pieces}))
+    assert [check for check in found if not check.good] == []
+    (wall,) = (check for check in found if check.what == "frame between cavity and groove")
+    assert wall.expected == pytest.approx(6 - 2 - 0.2)
+
+
+def test_a_port_leaves_walls_of_the_end_cap():
+    """By hand: foot 5 + 2 + 2 x 1.5 mm high, 7.2 mm of cap around it, the port 6 mm above its lower face: 11.2 mm to
+    the upper edge, of which 0.8 mm stay."""
+    free = sg.pneunet.Free(a_finger())
+    cad.export_of(free, cad.ManufactureTable(port_mm=20.8), with_moulds=False)
+    for port in (20.9, 22, 24, 40):
+        with pytest.raises(InputError, match=f"^port_mm is {port} mm; it must be at most 20.8 mm: least_wall_mm of "):
+            cad.export_of(free, cad.ManufactureTable(port_mm=port))
+    # With a high tunnel the screws are next: their middles are 13.7 mm beside the port's and 9.7 mm below.
+    high = {"channel_wall_mm": 5.0, "foot_mm": 20.0}
+    least = 2 * (math.hypot(13.7, 9.7) - 1.6 - 0.8)
+    wide = cad.ManufactureTable(**high, port_mm=30)
+    with pytest.raises(InputError, match=rf"at most {min(least, 2 * (13.2 - 0.8)):.4g} mm"):
+        cad.export_of(free, wide)
+
+
+@pytest.mark.parametrize(
+    ("radius", "most"), [(25, 2 * (math.hypot(18.5, 12.5) - 1.6 - 0.8 - 5)), (60, 2 * (math.hypot(82, 22) - 66 - 5))]
+)
+def test_a_port_leaves_walls_of_the_gripper_base(radius, most):
+    """By hand, with 5 mm of clearance: the hole is 10 mm wider than the port, and the screws, 3.2 mm wide, stand
+    18.5 mm beside its middle and 12.5 mm above it. The plate's edge is 0.8 mm beyond the end caps' corners, which are
+    22 mm beside the plane of the finger and 22 mm behind its cover's face."""
+    gripper = sg.pneunet.Gripper(a_finger(), n=3, base_radius=radius * mm)
+    loose = {"clearance_mm": 5, "mould_wall_mm": 16}
+    cad.gripper_base(gripper, cad.ManufactureTable(**loose, port_mm=most))
+    with pytest.raises(InputError, match=rf"at most {most:.4g} mm: a hole for it, with clearance_mm"):
+        cad.gripper_base(gripper, cad.ManufactureTable(**loose, port_mm=most + 0.1))
+
+
+@pytest.mark.parametrize("fingers", [1, 2, 4])
+def test_the_sheet_of_a_shell_grasp_weighs_for_all_fingers(fingers):
+    """44 x 98 x 1.1 mm of sheet with its bead, 1.08 g/cm^3, 15 % more, half of it part A."""
+    grasp = sg.shell.Grasp(a_shell(), radius=20 * mm, gap=5 * mm, mass=0.5, fingers=fingers)
+    export = cad.export_of(grasp, TABLE, with_moulds=False)
+    grams = (44 * 98 * 1.1 + 2 * (44 * 98 - 40 * 94)) / 1000 * 1.08 * 1.15 / 2
+    page = cad.as_html("pad", cad.sheet(export, TABLE, [], [], [], 1.001))
+    assert "The masses are of one piece each" in page
+    every, whole = f"{fingers}: cast and print every part as often", f"{fingers * grams:.1f} g of A"
+    assert (every in page) == (whole in page) == (fingers > 1)
+
+
+def test_the_sheet_of_a_finger_grasp_weighs_for_all_fingers():
+    gripper = sg.pneunet.Gripper(a_finger(), n=3, base_radius=30 * mm)
+    grasp = sg.pneunet.Grasp(gripper, sg.objects.Cylinder(radius=18 * mm, mass=0.02, friction=1.0))
+    export = cad.export_of(grasp, TABLE, with_moulds=False)
+    grams = 3 * (named(export, "body").volume + named(export, "base layer").volume) / 1000 * 1.08 * 1.15 / 2
+    assert f"the 3 fingers need 3 of each, {grams:.1f} g of A and" in cad.silicone_of_all(export, TABLE)
+    assert export.facts["fingers"] == "3: cast and print every part but the base as often"
+
+
+@pytest.mark.parametrize(
+    ("changed", "table", "says"),
+    [
+        # Two segments of one chamber each: between them are h_x of both, 0.6 + 0.7 mm, and no fin of 2 h_x.
+        (
+            {"a": [9.0, 5.0], "h_x": [0.6, 0.7], "L": 5.4 + 5.6},
+            {},
+            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.3 mm thick",
+        ),
+        (
+            {"a": [5.0, 9.0], "h_x": [0.7, 0.5], "L": 5.6 + 5.2},
+            {},
+            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.2 mm thick",
+        ),
+        # One chamber alone has the fin between it and the foot, least_core_mm thick at least.
+        ({"a": 9.0, "h_x": 0.5, "L": 5.2}, {}, "behind the first chamber, h_x_mm, is 20 mm high and 1 mm thick"),
+    ],
+)
+def test_every_fin_of_the_mould_is_asked(changed, table, says):
+    with pytest.raises(InputError) as caught:
+        cad.export_of(sg.pneunet.Free(a_finger(**changed)), cad.ManufactureTable(**table))
+    assert says in str(caught.value)
+
+
+def test_a_fin_may_be_as_slender_as_is_allowed():
+    """12 mm high and 0.8 mm thick, 15 to 1, wherever the chambers stand along the finger."""
+    table = cad.ManufactureTable(least_core_mm=0.8)
+    cad.export_of(sg.pneunet.Free(a_finger(h_x=0.4, L=20.3)), table, with_moulds=False)
+
+
+def test_a_fin_that_no_mould_has_is_not_asked():
+    """Segments of one chamber have no gap of 2 h_x = 0.8 mm within them, but one of 0.4 + 1.0 mm between them."""
+    finger = a_finger(h_x=[0.4, 1.0], L=5.0 + 6.2)
+    one, other = chambers_of(finger)
+    assert other.start - one.end == pytest.approx(1.4)
+    cad.export_of(sg.pneunet.Free(finger), TABLE, with_moulds=False)
 
 
 CONFIG = """

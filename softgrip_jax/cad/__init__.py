@@ -33,6 +33,7 @@ from .rules import ManufactureTable as ManufactureTable
 from .sheet import as_html as as_html
 from .sheet import sheet as sheet
 from .sheet import silicone as silicone
+from .sheet import silicone_of_all as silicone_of_all
 from .shell_parts import check_ring as check_ring
 from .shell_parts import shell_export as shell_export
 
@@ -67,17 +68,22 @@ def export_of(scene: Scene, table: ManufactureTable, with_moulds: bool = True, d
                 "clear of it; export shell.Free with the same shell where it touches nothing."
             )
         export = shell_export(actuator, table, with_moulds)
-        # The arcs know their object by its numbers, their twin by energy by its distance.
-        twin = scene.energy_scene() if isinstance(scene, ShellScene) else scene.prepared()
-        check_ring(getattr(twin, "body", None), actuator, table)
+        fingers, every = getattr(scene, "fingers", 1), "every part"
     else:
         mould = actuator if drawn is None else actuator_of(drawn)
         assert isinstance(mould, PneuNet)
         export = finger_export(actuator, table, with_moulds, counts_of(mould))
+        fingers, every = 1, "every part but the base"
         gripper = getattr(scene, "gripper", None)
         if isinstance(gripper, Gripper):
-            base = gripper_base(gripper, table)
-            facts = export.facts | {"fingers": f"{gripper.n}: cast and print every part but the base as often"}
-            export = dataclasses.replace(export, pieces=[*export.pieces, base], facts=facts)
+            export = dataclasses.replace(export, pieces=[*export.pieces, gripper_base(gripper, table)])
+            fingers = gripper.n
+    if fingers > 1:
+        facts = export.facts | {"fingers": f"{fingers}: cast and print {every} as often"}
+        export = dataclasses.replace(export, facts=facts, fingers=fingers)
     check_bed(printed(export, growth(table)), table)
+    if isinstance(actuator, FlatShell):
+        # The arcs know their object by its numbers, their twin by energy by its distance.
+        twin = scene.energy_scene() if isinstance(scene, ShellScene) else scene.prepared()
+        check_ring(getattr(twin, "body", None), actuator, table)
     return export

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ..errors import InputError
 from ..pneunet import Gripper
 from ..pneunet.finger import ROUNDING, SEGMENT_FIELDS, PneuNet
 from ..units import mm
-from .limits import at_least, check_common, check_core
+from .limits import at_least, at_most, check_common, check_core
 from .moulding import mould_of, open_mould
 from .parts import Export, Mould, Piece, Probe, corners, piece, rods
 from .rules import ManufactureTable
@@ -97,7 +98,7 @@ def finger_export(
     c, w = table.channel_mm, table.channel_wall_mm
     back = -table.foot_mm
     front = min(0.0, chambers[0].start - max(chambers[0].gap, table.least_core_mm))  # a fin of the mould stands there
-    check(chambers, sides, top_wall, H, B, front - back, table)
+    check(chambers, sides, top_wall, H, B, front, table)
     foot = H + c + 2 * w
 
     # The outside of the body: foot, chambers, tunnels between them.
@@ -143,6 +144,10 @@ def clamp_parts(B: Number, foot: Number, port_height: Number, table: Manufacture
     gap, frame, c = table.clearance_mm, table.frame_mm, table.channel_mm
     back, y, low, high = -table.foot_mm, B / 2 + gap + frame, -gap - frame, foot + gap + frame
     places = corners((-y + frame / 2, y - frame / 2), (low + frame / 2, high - frame / 2))
+    to_edges = min(y, port_height - low, high - port_height)
+    to_screws = min(math.hypot(py, pz - port_height) for py, pz in places) - table.screw_mm / 2
+    most = 2 * (min(to_edges, to_screws) - table.least_wall_mm)
+    at_most("port_mm", table.port_mm, most, "least_wall_mm of the end cap stands around the tube; or raise frame_mm")
 
     def screws(start: Number, length: Number) -> list[Shape]:
         return [Rod((start, py, pz), table.screw_mm / 2, length, "x") for py, pz in places]
@@ -190,17 +195,25 @@ def gripper_base(gripper: Gripper, table: ManufactureTable) -> Piece:
     at_least("base_radius_mm", base, least + base - face, f"the clamps of {n} fingers would overlap; or lower frame_mm")
     radius = math.hypot(face + high, y) + table.least_wall_mm
     places = corners((face + low + frame / 2, face + high - frame / 2), (-y + frame / 2, y - frame / 2))
-    holes: list[Shape] = []
+    screws: list[tuple[Number, Number]] = []
+    ports: list[tuple[Number, Number]] = []
     for number in range(n):
         cos, sin = math.cos(2 * math.pi * number / n), math.sin(2 * math.pi * number / n)
 
         def turned(place: tuple[Number, Number], cos: Number = cos, sin: Number = sin) -> tuple[Number, Number]:
             return place[0] * cos - place[1] * sin, place[0] * sin + place[1] * cos
 
-        holes += rods([turned(place) for place in places], table.screw_mm, 0.0, table.floor_mm)
-        port = turned((face + H + c / 2, 0.0))
-        holes += rods([port], table.port_mm + 2 * gap, 0.0, table.floor_mm)
-    return piece("gripper base", "printed", [Rod((0.0, 0.0, 0.0), radius, table.floor_mm)], holes)
+        screws += [turned(place) for place in places]
+        ports.append(turned((face + H + c / 2, 0.0)))
+    to_edge = radius - ports[0][0]
+    to_screws = min(math.dist(ports[0], screw) for screw in screws) - table.screw_mm / 2
+    to_ports = (min(math.dist(ports[0], port) for port in ports[1:]) - table.least_wall_mm) / 2
+    most = 2 * (min(to_edge - table.least_wall_mm, to_screws - table.least_wall_mm, to_ports) - gap)
+    why = "a hole for it, with clearance_mm and then least_wall_mm around it, stands in the gripper base"
+    at_most("port_mm", table.port_mm, most, why)
+    floor = table.floor_mm
+    holes = [*rods(screws, table.screw_mm, 0.0, floor), *rods(ports, table.port_mm + 2 * gap, 0.0, floor)]
+    return piece("gripper base", "printed", [Rod((0.0, 0.0, 0.0), radius, floor)], holes)
 
 
 def body_mould(
@@ -277,10 +290,10 @@ def check(
     top_wall: Number,
     H: Number,
     B: Number,
-    foot: Number,
+    front: Number,
     table: ManufactureTable,
 ) -> None:
-    """The rules of a finger whose foot is so long; an InputError in one sentence."""
+    """The rules of a finger whose foot ends at `front`; an InputError in one sentence."""
     check_common(table)
     c, w = table.channel_mm, table.channel_wall_mm
     thin = table.least_silicone_mm
@@ -298,9 +311,6 @@ def check(
                 f"(B_mm = {B:.4g}); lower side_wall_mm or b_mm."
             )
         check_core(f"The core{where}, h_L_mm - 2 t_m_mm,", one.length - 2 * one.t, 2 * one.a, table, "raise h_L_mm")
-        height = 2 * one.a + top_wall
-        if len(chambers) > 1:
-            check_core(f"The fin of the mould{where}, 2 h_x_mm,", one.gap, height, table, "raise h_x_mm")
         if not 0 < c < 2 * min(one.a, one.b):
             raise InputError(
                 f"channel_mm is {c:.4g} mm: the chambers{where} would have no way for air; it must be positive and "
@@ -311,10 +321,20 @@ def check(
                 f"channel_wall_mm is {w:.4g} mm: the air channel's tunnel would be higher than the air (2 a_mm) or "
                 f"wider than the chambers{where}; lower it, or channel_mm."
             )
+    for one, other in pairwise(chambers):
+        where = f"of segment {one.segment}, 2 h_x_mm,"
+        if one.segment != other.segment:
+            where = f"between segments {one.segment} and {other.segment}, beside the higher chamber,"
+        height = 2 * max(one.a, other.a) + top_wall
+        check_core(f"The fin of the mould {where}", other.start - one.end, height, table, "raise h_x_mm")
+    first = chambers[0]
+    where = "The fin of the mould behind the first chamber, h_x_mm,"
+    check_core(where, first.start - front, 2 * first.a + top_wall, table, "raise h_x_mm")
     check_core("The ridge of the air channel, channel_mm,", c, c, table, "raise channel_mm")
     bore = math.sqrt(2) * c - 2 * table.least_wall_mm
     at_least("the bore of the end cap's nipple, 1.41 channel_mm - 2 least_wall_mm,", bore, 0.5, "raise channel_mm")
     at_least("port_mm", table.port_mm, bore, "the tube must not be narrower than the bore of the nipple")
     at_least("the foot beside the air channel", (B - c) / 2, table.pour_mm, "lower pour_mm or raise B_mm")
     where = "the foot between its end (foot_mm) and the fin behind the first chamber (h_x_mm)"
+    foot = front + table.foot_mm
     at_least(where, foot, table.pour_mm, "a pour hole ends on it; raise foot_mm, or lower h_x_mm or pour_mm")

@@ -17,6 +17,12 @@ def at_least(what: str, value: Number, least: Number, why: str) -> None:
         raise InputError(f"{what} is {value:.4g} mm; it must be at least {least:.4g} mm: {why}.")
 
 
+def at_most(what: str, value: Number, most: Number, why: str) -> None:
+    """An InputError where a length in mm is too large."""
+    if not value <= most + 1e-9:
+        raise InputError(f"{what} is {value:.4g} mm; it must be at most {most:.4g} mm: {why}.")
+
+
 def check_common(table: ManufactureTable) -> None:
     """Rules that every design keeps."""
     wall = table.least_wall_mm
@@ -39,7 +45,7 @@ def check_core(name: str, thickness: Number, height: Number, table: ManufactureT
             f"{name} is {max(thickness, 0.0):.4g} mm thick, too thin to hold; it must be at least "
             f"{table.least_core_mm:.4g} mm (least_core_mm): {change}."
         )
-    if height / thickness > table.most_slender:
+    if height > table.most_slender * thickness + 1e-9:
         raise InputError(
             f"{name} is {height:.4g} mm high and {thickness:.4g} mm thick, too slender to hold: "
             f"{height / thickness:.3g} to 1, at most {table.most_slender:.3g} to 1 (most_slender): {change}."

@@ -62,6 +62,8 @@ class Export:
     probes: list[Probe]
     facts: dict[str, str]
     """For the sheet."""
+    fingers: int = 1
+    """How often everything is cast and printed, but the base of a gripper."""
 
 
 def piece(name: str, made: str, plus: list[Shape], minus: list[Shape]) -> Piece:

@@ -77,7 +77,8 @@ STEPS = {
 
 
 def silicone(export: Export, table: ManufactureTable) -> list[tuple[str, float, float, float, float]]:
-    """(part, volume in cm^3, its mass, part A, part B) of every pour, masses in g; A and B with what is spare."""
+    """(part, volume in cm^3, its mass, part A, part B) of every pour, masses in g; A and B with what is spare. All of
+    one finger."""
     rows = []
     for piece in export.pieces:
         if piece.made == "cast":
@@ -86,6 +87,18 @@ def silicone(export: Export, table: ManufactureTable) -> list[tuple[str, float, 
             share = table.parts_a_to_b / (1 + table.parts_a_to_b)
             rows.append((piece.name, piece.volume / 1000, mass, mixed * share, mixed * (1 - share)))
     return rows
+
+
+def silicone_of_all(export: Export, table: ManufactureTable) -> str:
+    """How often the silicone of one finger is needed, and what that is in all."""
+    if export.fingers == 1:
+        return "The masses are of one piece each."
+    rows = silicone(export, table)
+    part_a, part_b = export.fingers * sum(row[3] for row in rows), export.fingers * sum(row[4] for row in rows)
+    return (
+        f"The masses are of one piece each; the {export.fingers} fingers need {export.fingers} of each, {part_a:.1f} g "
+        f"of A and {part_b:.1f} g of B in all."
+    )
 
 
 def sheet(
@@ -117,7 +130,8 @@ def sheet(
             ("pour", "volume (cm^3)", "mass (g)", "part A to weigh (g)", "part B to weigh (g)"), silicone(export, table)
         ),
         Text(
-            f"Density {table.density_g_per_cm3:g} g/cm^3; {table.spare_percent:g} % is added for cups and holes. "
+            f"{silicone_of_all(export, table)} Density {table.density_g_per_cm3:g} g/cm^3; "
+            f"{table.spare_percent:g} % is added for cups and holes. "
             f"Moulds are larger by {100 * (scale - 1):.3g} % for a shrinkage of {table.shrinkage_percent:g} %."
         ),
         Heading("To print"),

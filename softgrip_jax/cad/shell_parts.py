@@ -6,6 +6,8 @@ opening 2a x 2b of frame and ring is what the model calls the clamped edge.
 
 from __future__ import annotations
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,8 +22,10 @@ from .parts import Export, Probe, corners, piece, ring, rods
 from .rules import ManufactureTable
 from .solids import Block, Number, Shape
 
-RING_POINTS = 81
-"""Along each side of the ring, at which its distance from the object is asked."""
+STEP = 0.25
+"""mm between the places of the ring at which the distance of the object is asked, along x, y and z."""
+BATCH = 1 << 14
+"""So many places at once."""
 
 
 def shell_export(shell: FlatShell, table: ManufactureTable, with_moulds: bool) -> Export:
@@ -69,7 +73,7 @@ def shell_export(shell: FlatShell, table: ManufactureTable, with_moulds: bool) -
         Probe(
             "frame",
             "frame between cavity and groove",
-            (a + (rim - bead - gap) / 2, 0.1, -bead / 2),
+            (a + (rim - bead - gap) / 2, 0.1, -min(bead, table.cavity_mm) / 2),
             x_axis,
             rim - bead - gap,
         ),
@@ -94,16 +98,70 @@ def check_ring(body: Obstacle | None, shell: FlatShell, table: ManufactureTable)
     """The ring stays clear of the object that the membrane is to touch; an InputError in one sentence."""
     if body is None:
         return
-    sides = [np.linspace(-half, half, RING_POINTS) for half in half_sizes(shell, table)]
-    x, y = (part.ravel() for part in np.meshgrid(*sides))
-    on = (np.abs(x) >= float(shell.a) / mm) | (np.abs(y) >= float(shell.b) / mm)
-    places = np.stack([x[on], y[on], np.full(on.sum(), table.ring_mm)], axis=-1)
-    room = float(jnp.min(jax.vmap(body.distance)(jnp.asarray(places * mm)))) / mm
-    if room <= 0:
+    begins = lowest_touch(body, ring_places(shell, table), table.ring_mm)
+    if begins is None:
+        return
+    if begins <= table.least_wall_mm:
         raise InputError(
-            f"ring_mm is {table.ring_mm:.4g} mm, and the ring would be {-room:.3g} mm inside the object before the "
-            "membrane touches it; lower ring_mm, or keep the object farther from the frame."
+            f"ring_mm is {table.ring_mm:.4g} mm, and the object touches even a ring of {table.least_wall_mm:.4g} mm "
+            "(least_wall_mm) before it touches the membrane; keep the object farther from the frame."
         )
+    raise InputError(
+        f"ring_mm is {table.ring_mm:.4g} mm; it must be less than {math.floor(100 * begins) / 100:g} mm, where the "
+        "object begins over the ring: the membrane must touch it first; or keep the object farther from the frame."
+    )
+
+
+def ring_places(shell: FlatShell, table: ManufactureTable) -> np.ndarray:
+    """(x, y) of places on the ring, mm, STEP apart at most, edges and corners among them; screw holes are left out of
+    account."""
+
+    def along(inner: float, outer: float) -> np.ndarray:
+        border = np.linspace(inner, outer, math.ceil((outer - inner) / STEP) + 1)
+        middle = np.linspace(-inner, inner, math.ceil(2 * inner / STEP) + 1)
+        return np.concatenate([-border[:0:-1], middle, border[1:]])
+
+    (a, b), (c, d) = (float(shell.a) / mm, float(shell.b) / mm), half_sizes(shell, table)
+    x, y = (part.ravel() for part in np.meshgrid(along(a, c), along(b, d)))
+    on = (np.abs(x) >= a) | (np.abs(y) >= b)
+    return np.stack([x[on], y[on]], axis=-1)
+
+
+def lowest_touch(body: Obstacle, places: np.ndarray, top: Number) -> float | None:
+    """The least height z up to `top`, mm, at which an object is at one of the places (x, y); None where it is at none.
+
+    Planes of equal z are asked upwards, STEP apart at most, and the first that the object meets is then halved in. Only
+    the sign of the distance counts: the function of a user need not be right far from its surface.
+    """
+
+    @jax.jit
+    def least(places: jax.Array, z: jax.Array | float) -> jax.Array:
+        def distance(place: jax.Array) -> jax.Array:
+            return body.distance(jnp.append(place, z) * mm)
+
+        return jnp.min(jax.lax.map(distance, places, batch_size=BATCH))
+
+    def is_clear(z: float) -> bool:
+        found = float(least(places, z))
+        if math.isnan(found):
+            raise InputError(
+                f"The distance of the object is not a number at some place of the ring, {z:.4g} mm above the membrane; "
+                "it must be one there, too, so that the ring can be kept clear of the object."
+            )
+        return found > 0
+
+    heights = np.linspace(0.0, top, math.ceil(top / STEP) + 1)
+    low = 0.0
+    for high in map(float, heights):
+        if not is_clear(high):
+            break
+        low = high
+    else:
+        return None
+    for _ in range(12):
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_clear(middle) else (low, middle)
+    return high
 
 
 def check(table: ManufactureTable, t: Number, a: Number) -> None:

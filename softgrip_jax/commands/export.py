@@ -56,6 +56,7 @@ def run_export(
         (folder / "config.toml").write_bytes(configs.standalone(config))
         found = {
             "kind": export.kind,
+            "fingers": export.fingers,
             "silicone": [
                 dict(zip(("pour", "volume_cm3", "mass_g", "part_A_g", "part_B_g"), row, strict=True))
                 for row in cad.silicone(export, table)
@@ -76,6 +77,8 @@ def run_export(
             console.print(
                 f"{name}: {volume:.2f} cm^3, {mass:.1f} g; weigh {part_a:.1f} g of A and {part_b:.1f} g of B."
             )
+        if export.fingers > 1:
+            console.print(cad.silicone_of_all(export, table), soft_wrap=True)
         for check in bad:
             console.print(f"FAILS: {check.what} of {check.piece}: {check.found:.6g}, expected {check.expected:.6g}.")
         console.print(f"{len(checks) - len(bad)} of {len(checks)} checks hold.")

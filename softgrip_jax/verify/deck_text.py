@@ -14,11 +14,18 @@ BULK = 500.0
 """Bulk modulus over the shear modulus: more makes bricks of displacements alone too stiff."""
 STEPS = 40
 """Increments of the load to begin with."""
+PROGRAMS = {"abaqus": "Abaqus", "calculix": "CalculiX"}
 LITTLE = 1e-12
 """A coefficient, and a way in mm, that is nothing."""
 
 
-def _hyperelastic(material: Material) -> list[str]:
+def _no_law(material: Material, program: str, laws: str) -> InputError:
+    """For a material that is not among the laws a deck is written for."""
+    terms = f" of {len(np.asarray(material.mu))} terms" if isinstance(material, Ogden) else ""
+    return InputError(f"a deck for {program} is written for {laws}; the material is {type(material).__name__}{terms}.")
+
+
+def _hyperelastic(material: Material, program: str) -> list[str]:
     """The lines of *HYPERELASTIC, MPa."""
     bulk = BULK * float(material.shear_modulus()) / MPa
     D = 2 / bulk
@@ -36,7 +43,7 @@ def _hyperelastic(material: Material) -> list[str]:
         count = len(terms) // 2
         name, numbers = f"OGDEN, N={count}", [*terms, D, *([0.0] * (count - 1))]
     else:
-        raise InputError(f"the material {type(material).__name__} has no law in the program that the deck is for.")
+        raise _no_law(material, program, "NeoHookean, MooneyRivlin, Yeoh and Ogden of at most 3 terms")
     values = [f"{value:.10g}" for value in numbers]
     return [f"*HYPERELASTIC, {name}", *(", ".join(values[i : i + 8]) for i in range(0, len(values), 8))]
 
@@ -82,7 +89,7 @@ def abaqus(deck: Deck, format: str) -> str:
             lines += _lines(f"*ELSET, ELSET={what}{side + 1}", elements + 1)
     for what, _, nodes in bricks.held:
         lines += _lines(f"*NSET, NSET={what}", nodes + 1)
-    lines += ["*MATERIAL, NAME=SILICONE", *_hyperelastic(deck.material)]
+    lines += ["*MATERIAL, NAME=SILICONE", *_hyperelastic(deck.material, PROGRAMS[format])]
     lines += ["*SOLID SECTION, ELSET=SOLID, MATERIAL=SILICONE"]
     moves: list[str] = []
     if body is not None:
@@ -132,7 +139,7 @@ def _silicone(material: Material) -> str:
     elif isinstance(material, MooneyRivlin):
         c1, c2 = float(material.c1) / MPa, float(material.c2) / MPa
     else:
-        raise InputError(f"the material {type(material).__name__} has no law in the program that the deck is for.")
+        raise _no_law(material, "FEBio", "NeoHookean and MooneyRivlin")
     return (
         '<material id="1" name="silicone" type="Mooney-Rivlin">'
         f"<c1>{c1:.10g}</c1><c2>{c2:.10g}</c2><k>{bulk:.10g}</k></material>"
