@@ -27,7 +27,16 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.numerics.nearby import Equations, Known, KnownFold, root_by_chords, root_nearby
 from softgrip_jax.numerics.xla import traced_once
 from softgrip_jax.own import are_numbers, outcome
-from softgrip_jax.quantities import AT_REST, Observed, Quantity, QuantitySet, State, named, solution_at
+from softgrip_jax.quantities import (
+    AT_REST,
+    LIMIT_MARGIN,
+    Observed,
+    Quantity,
+    QuantitySet,
+    State,
+    named,
+    solution_at,
+)
 from softgrip_jax.reasons import RULE_NAMES
 from softgrip_jax.results import Solution, Status, in_units
 from softgrip_jax.scene import Scene
@@ -628,6 +637,26 @@ class Problem:
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
+
+    def always_kept(self) -> list[str]:
+        """A sentence per limit that holds for every state that exists."""
+        return [
+            f"{label} holds for every state that exists: the margin is the limit pressure over the pressure, 1 at the "
+            "limit."
+            for label, (k, sign, bound, _) in zip(self.constraint_labels(), self.sides, strict=False)
+            if self.quantities[k].observable == LIMIT_MARGIN and sign < 0 and bound < 1
+        ]
+
+    def at_limits(self, values: Any, within: float) -> list[str]:
+        """Which of the states are at the limit pressure of their scene, as far as the quantities tell it: 'required: at
+        its limit pressure'. within: of the pressure."""
+        known = {(q.state, q.observable): value for q, value in zip(self.quantities, values, strict=False)}
+        labels = zip(self.asked.states, self.asked.state_labels(), strict=True)
+        return [
+            f"{words}: at its limit pressure"
+            for state, words in labels
+            if known.get((state, LIMIT_MARGIN), np.nan) < 1 + within
+        ]
 
 
 def after_all(t: Float[Array, " n"], known: Sequence[Known]) -> Float[Array, " n"]:

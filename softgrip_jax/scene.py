@@ -296,6 +296,14 @@ def with_rules(margins: Iterable[tuple[str, Array]], is_open: Array, status: Arr
     return status, reason, detail
 
 
+def type_name(cls: type) -> str:
+    """How `type` names a class: the package's scenes by room and class ('shell.Grasp'), all else by class alone."""
+    package, _, rooms = cls.__module__.partition(".")
+    if not issubclass(cls, Scene) or package != __name__.partition(".")[0]:
+        return cls.__name__
+    return f"{rooms.split('.')[0]}.{cls.__name__}"
+
+
 def frozen(tree: Any) -> Any:
     """The same values without derivatives."""
     return jax.tree.map(lax.stop_gradient, tree)

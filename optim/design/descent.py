@@ -478,7 +478,8 @@ class Design:
     feasible: bool
     rank: float
     active: tuple[str, ...]
-    """Names of the constraints and bounds that hold it where it is."""
+    """Names of the constraints and bounds that hold it where it is; of states at their limit pressure, too, where
+    `limit_margin` is asked of them: without it the limit is not known."""
 
     @property
     def answered(self) -> bool:
@@ -510,7 +511,8 @@ class SearchResult:
         reached: how many starts ended within REGION of each of the designs; one that was left to another ends with it.
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
-        remarks: what scales the goals where the starting design does not, see `Scaling`.
+        remarks: limits that hold for every state (`Problem.always_kept`), and what scales the goals where the starting
+            design does not, see `Scaling`.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
@@ -620,7 +622,7 @@ def search(
     members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company)
     with DeferInterrupt() as waiting:  # what was found is known only once it is solved
         descended = time.perf_counter()
-        remarks = scaling.remarks()
+        remarks = [*problem.always_kept(), *scaling.remarks()]
         for sentence in remarks:
             remark(sentence)
         ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
@@ -872,6 +874,7 @@ def designs_at(problem: Problem, score: Any, evaluate: SolvesDesigns, t: np.ndar
         active = [label for label, is_held in zip(labels, held, strict=True) if is_held]
         active += [f"{name} at its lower bound" for name, v in zip(space.names, row, strict=True) if v < ACTIVE]
         active += [f"{name} at its upper bound" for name, v in zip(space.names, row, strict=True) if v > 1 - ACTIVE]
+        active += problem.at_limits(found.values[k], ACTIVE)
         designs.append(
             Design(
                 row,

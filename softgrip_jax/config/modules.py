@@ -34,7 +34,7 @@ from ..errors import InputError, located
 from ..fields import RULES, Checked, wanted
 from ..objects.friction import Friction
 from ..plausible import units_are_stated, warn_of_key
-from ..scene import Scene
+from ..scene import Scene, type_name
 from ..units import DISPLAY
 from ..units import unit_key as unit_key
 from .sentences import pick, shown, unknown
@@ -312,11 +312,3 @@ def presets_of(bases: Iterable[type]) -> dict[str, Any]:
         for place in (cls.__module__, cls.__module__.rpartition(".")[0]):
             found |= getattr(sys.modules.get(place), "PRESETS", {})
     return found
-
-
-def type_name(cls: type) -> str:
-    """How `type` names a class: the package's scenes by room and class ('shell.Grasp'), all else by class alone."""
-    package, _, rooms = cls.__module__.partition(".")
-    if not issubclass(cls, Scene) or package != PACKAGE:
-        return cls.__name__
-    return f"{rooms.split('.')[0]}.{cls.__name__}"

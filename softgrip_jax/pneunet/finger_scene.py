@@ -625,7 +625,7 @@ class FingerScene(PathEquations, Scene):
         if not isinstance(method, Shooting) or method.steps is not None:
             return found
         eps = jnp.finfo(found.pressure.dtype).eps
-        left = (PART_OF_TOLERANCE * method.rtol / eps - RESIDUAL_EPS) / ROUNDING_EPS
+        left = (PART_OF_TOLERANCE * method.tolerances()[0] / eps - RESIDUAL_EPS) / ROUNDING_EPS
         return found._replace(rounding=jnp.maximum(found.rounding, left))
 
     def is_resolved(self, unknowns: Array) -> Bool[Array, ""]:

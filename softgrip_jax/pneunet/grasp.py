@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 from jaxtyping import Array, Float
 
 from ..errors import InputError
@@ -17,9 +18,9 @@ from ..numerics.continuation import REACHED, follow
 from ..numerics.implicit import implicit
 from ..objects.friction import friction_force, required_normal_force
 from ..objects.grasped import Object, Taper
-from ..questions import solve
+from ..questions import to_solve
 from ..results import Status, stop_gradient_where_failed
-from ..scene import frozen
+from ..scene import Scene, frozen, type_name
 from ..units import GRAVITY
 from .beam.method import POINTS, BeamMethod, beam_method
 from .finger import PneuNet
@@ -264,6 +265,9 @@ class Grasp(FingerScene):
 
 MASS_STEP = 0.05
 """Masses are followed in units of this part of EI / (L^2 g): a gentle first step for every finger."""
+TRIES = 8
+"""With so many masses a state is looked for: none, then, where the empty gripper is beyond its limit, 1, 2, 4, ..., 64
+times EI / (L^2 g) for each finger."""
 
 
 @jax.jit
@@ -278,29 +282,46 @@ def heaviest_held(grasp: Grasp, pressure: Scalar) -> Scalar:
         exerted = friction_force(scene.object.lift(), unknowns[0] * scene.held_unit())
         return (with_mass.pull() - exerted) / scene.held_unit()
 
-    light = fixed.with_mass(jnp.zeros_like(unit))
-    empty = light.solver().find(light, p, None)
+    def is_sought(state):
+        tries, _, _, status = state
+        return (status == Status.BEYOND_LIMIT) & (tries < TRIES)
+
+    def heavier(state):
+        tries = state[0]
+        mass = jnp.where(tries > 0, 2.0 ** (tries - 1), 0.0) * unit / MASS_STEP
+        found = fixed.solver().find(fixed.with_mass(mass), p, None)
+        return tries + 1, mass, found.unknowns, found.status
+
+    # A weight straightens fingers: a gripper that is beyond its limit empty may not be so with an object in it.
+    none = (jnp.asarray(0), jnp.zeros_like(unit), fixed.unloaded_state(), jnp.asarray(int(Status.BEYOND_LIMIT)))
+    _, begin, unknowns, status = lax.while_loop(is_sought, heavier, none)
+    too_heavy = (begin > 0) & (slack(fixed, begin, unknowns) > 0)
+    way = jnp.where(too_heavy, -unit, unit)
 
     def along(u, args):
-        scene, pressure, unit = args
-        mass = u[-1] * unit
-        return scene.with_mass(mass).residual(u[:-1], pressure), slack(scene, mass, u[:-1])
+        scene, pressure, begin, way = args
+        mass = begin + u[-1] * way
+        return scene.with_mass(mass).residual(u[:-1], pressure), jnp.sign(way) * slack(scene, mass, u[:-1])
 
-    end = follow(along, jnp.append(empty.unknowns, 0.0), (fixed, p, unit))
-    ok = (empty.status == Status.OK) & (end.reason == REACHED)
+    end = follow(along, jnp.append(unknowns, 0.0), (fixed, p, begin, way))
+    ok = (status == Status.OK) & (end.reason == REACHED)
     scene, pressure = stop_gradient_where_failed(ok, (grasp, pressure))
 
     def equations(u, args):
         return jnp.append(*along(u, args))
 
-    mass = implicit(equations, end.u, (scene, pressure, unit))[-1] * unit
+    mass = begin + implicit(equations, end.u, (scene, pressure, begin, way))[-1] * way
     return jnp.where(ok, larger(mass, 0.0), jnp.nan)
 
 
 def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
     """The heaviest object of this shape and friction that the gripper holds at a pressure.
 
-    The mass m and the state are solved for together, from mu_f(F) F = m g / n on each tip.
+    The mass m and the state are solved for together, from mu_f(F) F = m g / n on each tip. The state is followed along
+    the mass, from that of the empty gripper. A weight straightens fingers and raises their limit pressure, so a gripper
+    that is beyond its limit while it is empty may have a state with an object in it: it is then followed from a mass
+    that has one, up or down to the mass that is just held. No rule of a state is asked: `solve` with that mass says
+    which it breaks.
 
     Args:
         grasp: the gripper and the object; the object's own mass plays no part.
@@ -308,10 +329,10 @@ def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
 
     Returns:
         The mass, kg, differentiable: 0 where the tips do not press at all, NaN where the grasp has no equilibrium at
-            this pressure.
+            this pressure with any mass that it would hold.
 
     Raises:
-        InputError: where grasp or pressure cannot be meant (outside of jit).
+        InputError: where grasp is no `pneunet.Grasp`, and where grasp or pressure cannot be meant (outside of jit).
 
     Source: own; the inverse of thesis algorithm 7.
 
@@ -322,5 +343,6 @@ def largest_mass(grasp: Grasp, pressure: Any) -> Scalar:
         >>> print(f"{sg.pneunet.largest_mass(grasp, 26.47 * kPa) / gram:.1f} g")
         26.0 g
     """
-    solved = solve(grasp, pressure)  # checks the arguments
-    return heaviest_held(solved.scene, solved.pressure)
+    if isinstance(grasp, Scene) and not isinstance(grasp, Grasp):
+        raise InputError(f"grasp is a {type_name(type(grasp))}; it must be a pneunet.Grasp.")
+    return heaviest_held(*to_solve(grasp, pressure))

@@ -465,6 +465,7 @@ shell = sg.FlatShell(0.016, 0.043, 0.0011, sg.NeoHookean(175e3))
 for make in (
     lambda: sg.FlatShell(0.016, 0.043, 0.0011, 175e3),
     lambda: sg.shell.Free(3),
+    lambda: sg.pneunet.largest_mass(sg.shell.Grasp(shell, radius=0.02, gap=0.005), 1e4),
     lambda: sg.solve(sg.NeoHookean(175e3), 1e3),
 ):
     try:
@@ -477,9 +478,10 @@ for make in (
 def test_wrong_parts():
     """In a process of its own: here the annotations would be checked before the package can say anything."""
     done = subprocess.run([sys.executable, "-c", WRONG_PARTS], capture_output=True, text=True, cwd=ROOT, timeout=120)
-    shell, scene, *rest = done.stdout.splitlines()
+    shell, scene, grasp, *rest = done.stdout.splitlines()
     assert shell == "FlatShell.material is 175000.0; it must be a Material."
     assert scene == "Free.shell is 3; it must be a FlatShell."
+    assert grasp == "grasp is a shell.Grasp; it must be a pneunet.Grasp."
     assert rest[0].startswith("scene is NeoHookean")
     assert "it must be a Scene" in rest[-1]
 

@@ -399,6 +399,25 @@ def test_designs_without_equilibrium_climb_back(found):
     assert with_equilibrium[-1] == 16
 
 
+def test_what_ends_on_a_limit_point_says_so_and_a_margin_below_one_is_no_bound():
+    """The thinner a membrane the more it inflates, down to where its limit pressure, in proportion to the thickness, is
+    the pressure."""
+    free = sg.shell.Free(shell())
+    space = Space({"scene": free}, [Variable("shell.t_m", 0.5 * mm, 2 * mm)])
+    goal, margin = Goal("maximise", Quantity("inflation", 15 * kPa)), Quantity("limit_margin", 15 * kPa)
+    found = search(Problem(space, [goal], [Limits(margin, low=0.2)]), starts=4, steps=60, finishes=2)
+    sentence = (
+        "limit_margin at 15 kPa at least 0.2 holds for every state that exists: the margin is the limit pressure "
+        "over the pressure, 1 at the limit."
+    )
+    assert found.remarks == (sentence,)
+    thinnest = float(free.shell.t_m) * 15 * kPa / float(sg.limit_pressure(free))
+    assert found.best.x[0] == pytest.approx(thinnest, rel=1e-4)
+    assert found.best.active == ("15 kPa: at its limit pressure",)
+    assert found.reference.active == ()
+    assert Problem(space, [goal], [Limits(margin, low=1.2)]).always_kept() == []
+
+
 def test_the_shell_optimum_is_not_beaten_by_differential_evolution(found):
     @jax.jit
     @jax.vmap

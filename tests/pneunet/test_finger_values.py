@@ -1,11 +1,13 @@
 """Fingers and grippers against published numbers, finite elements, and geometry by hand."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference_beam as ref
-from fingers import TYPE_A, TYPES, contact, free, pneunet, solved, stacked
+from fingers import ALL_RULES, TYPE_A, TYPES, contact, free, pneunet, solved, stacked
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
@@ -129,6 +131,37 @@ def test_pressure_for_a_mass_and_mass_for_a_pressure():
 
 def gripper(n=3):
     return sg.pneunet.Gripper(pneunet(TYPE_A), n=n, base_radius=BASE_RADIUS * mm, touch="midline")
+
+
+def holding(mass):
+    held = Cylinder(radius=18 * mm, mass=mass, friction=0.96)
+    return sg.pneunet.Grasp(sg.pneunet.Gripper(pneunet(TYPE_A), base_radius=BASE_RADIUS * mm), held)
+
+
+def test_largest_mass_beyond_the_limit_of_the_empty_gripper():
+    """The weight raises the limit pressure. What is held just so at a pressure is what needs that pressure: the inverse
+    is asked along the pressure, with the mass as it is."""
+    # With 20 g there is no state at 46 kPa, and 300 g are far too heavy: the scene's own mass plays no part.
+    own, pressures = jnp.array([0.0, 0.02, 0.3, 0.02, 0.02]), jnp.array([41.0, 41.0, 41.0, 46.0, 90.0]) * kPa
+    heaviest = jax.jit(jax.vmap(lambda mass, p: sg.pneunet.largest_mass(holding(mass), p)))(own, pressures)
+    assert float(sg.limit_pressure(holding(0.0))) < 41 * kPa
+    np.testing.assert_allclose(heaviest[1:3], heaviest[0], rtol=1e-12)
+    needed = jax.jit(lambda mass: sg.pressure_for(replace(holding(mass), **ALL_RULES)).pressure)
+    np.testing.assert_allclose([needed(mass) for mass in (heaviest[0], heaviest[3])], [41 * kPa, 46 * kPa], rtol=1e-9)
+    assert np.isnan(heaviest[4])
+
+
+@pytest.mark.slow
+def test_derivatives_of_the_largest_mass_beyond_the_limit_of_the_empty_gripper():
+    """Those of the inverse function, whose slope is that of the pressure that a mass needs."""
+    pressure = 46 * kPa
+
+    def heaviest(p):
+        return sg.pneunet.largest_mass(holding(20 * gram), p)
+
+    slope = jax.grad(lambda mass: sg.pressure_for(replace(holding(mass), **ALL_RULES)).pressure)(heaviest(pressure))
+    for derivative in (jax.grad, jax.jacfwd):
+        assert float(derivative(heaviest)(pressure)) == pytest.approx(1 / float(slope), rel=1e-8)
 
 
 def test_objects_by_hand():

@@ -183,6 +183,12 @@ BAD = {
     "implicit": (lambda f: Shooting(diffrax.Kvaerno5()), "Shooting.solver is Kvaerno5; it must be an explicit"),
     "a class": (lambda f: Shooting(diffrax.Dopri8), "Shooting.solver is Dopri8; it must be an explicit"),
     "tolerance": (lambda f: Shooting(rtol=0.0), "Shooting.rtol is 0.0; it must be a number between 0 and 1"),
+    "equal steps with a tolerance": (
+        lambda f: Shooting(steps=8, rtol=1e-6),
+        "^Shooting.steps is 8 and its rtol is 1e-06; equal steps have no tolerance, so give one of them.$",
+    ),
+    "the default, given": (lambda f: Shooting(steps=8, rtol=1e-8), "and its rtol is 1e-08; equal steps have no"),
+    "equal steps with an absolute one": (lambda f: Shooting(atol=1e-6, steps=8), "and its atol is 1e-06; equal"),
     "no segments": (lambda f: Shooting(segments=0), "Shooting.segments is 0; it must be a whole number, 1 or more"),
     "no points": (lambda f: Collocation(points=0), "Collocation.points is 0; it must be a whole number"),
 }
@@ -212,6 +218,7 @@ pressure_kPa = 30
         ('beam = "collocation"\npoints = 8', Collocation(8)),
         ('beam = "shooting"', Shooting()),
         ('beam = { type = "shooting", rtol = 1e-6, segments = 2 }', Shooting(rtol=1e-6, segments=2)),
+        ('beam = { type = "shooting", steps = 8 }', Shooting(steps=8)),
         ('beam = { type = "collocation", points = 12 }', Collocation(12)),
     ],
 )
@@ -228,6 +235,7 @@ def test_methods_in_configs(tmp_path, line, method):
         ('beam = "shot"', "beam is 'shot'; it must be one of"),
         ('beam = { type = "shooting", solver = "Euler" }', "beam has no key 'solver'; 'shooting' takes rtol"),
         ('beam = "shooting"\npoints = 8', "so give one of them"),
+        ('beam = { type = "shooting", steps = 8, rtol = 1e-6 }', "Shooting.steps is 8 and its rtol is 1e-06; equal"),
     ],
 )
 def test_wrong_methods_in_configs(tmp_path, line, said):

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 POINTS = 16
 """Gauss points along a finger."""
+RTOL = 1e-8
+"""Of adaptive steps, where no tolerance is given."""
 
 
 class BeamMethod(eqx.Module):
@@ -72,19 +74,20 @@ class Shooting(BeamMethod):
 
     Args:
         solver: an explicit Runge-Kutta method of diffrax, such as diffrax.Dopri8() or diffrax.Tsit5().
-        rtol: relative tolerance of the adaptive steps, dimensionless, between 0 and 1.
+        rtol: relative tolerance of the adaptive steps, dimensionless, between 0 and 1; 1e-8 unless it is given.
         atol: absolute one, of angles (rad) and of curvatures and positions over L (dimensionless); rtol unless it is
             given.
         segments: pieces of the beam that are integrated on their own (multiple shooting); angles and curvatures at the
             joints are unknowns, too.
-        steps: so many equal steps in each segment in place of adaptive ones. NOT_CONVERGED where the method's own error
-            estimate is above a thousandth.
+        steps: so many equal steps in each segment in place of adaptive ones, without rtol and atol. NOT_CONVERGED where
+            the method's own error estimate is above a thousandth.
         max_steps: adaptive steps in each segment, at most, those that are taken again included. A state that needs more
             is NOT_CONVERGED; the derivatives' time grows with this number.
         points: Gauss points where the shape is looked at, for the rules of the scene and for pictures.
 
     Raises:
-        InputError: where a number is out of its range, or solver is not an explicit Runge-Kutta method of diffrax.
+        InputError: where a number is out of its range, steps are given beside a tolerance, or solver is not an explicit
+            Runge-Kutta method of diffrax.
 
     Source: Keller 1968 for multiple shooting; Kidger 2021 for diffrax.
 
@@ -96,7 +99,7 @@ class Shooting(BeamMethod):
     """
 
     solver: diffrax.AbstractERK = eqx.field(static=True, default_factory=_dopri8)
-    rtol: float = eqx.field(static=True, default=1e-8)
+    rtol: float | None = eqx.field(static=True, default=None)
     atol: float | None = eqx.field(static=True, default=None)
     segments: int = eqx.field(static=True, default=1)
     steps: int | None = eqx.field(static=True, default=None)
@@ -114,14 +117,26 @@ class Shooting(BeamMethod):
                 f"Shooting.solver is {name}; it must be an explicit Runge-Kutta method of diffrax, for instance "
                 "diffrax.Dopri8() or diffrax.Tsit5()."
             )
-        _positive("Shooting.rtol", self.rtol)
-        if self.atol is not None:
-            _positive("Shooting.atol", self.atol)
+        for name in ("rtol", "atol"):
+            tolerance = getattr(self, name)
+            if tolerance is None:
+                continue
+            _positive(f"Shooting.{name}", tolerance)
+            if self.steps is not None:
+                raise InputError(
+                    f"Shooting.steps is {self.steps!r} and its {name} is {tolerance!r}; equal steps have no tolerance, "
+                    "so give one of them."
+                )
         require_whole("Shooting.segments", self.segments, 1)
         require_whole("Shooting.max_steps", self.max_steps, 2)
         require_whole("Shooting.points", self.points, 1)
         if self.steps is not None:
             require_whole("Shooting.steps", self.steps, 1)
+
+    def tolerances(self) -> tuple[float, float]:
+        """(relative, absolute) of adaptive steps."""
+        rtol = RTOL if self.rtol is None else self.rtol
+        return rtol, rtol if self.atol is None else self.atol
 
 
 METHODS = ("collocation", "shooting")

@@ -115,8 +115,7 @@ def _begin(cover: Cover, low: Scalar, theta: Scalar, curvature: Scalar) -> Shot:
 
 
 def _tolerance(method: Shooting) -> Tolerance:
-    atol = method.rtol if method.atol is None else method.atol
-    return Tolerance(method.solver, method.rtol, atol, method.max_steps, method.steps)
+    return Tolerance(method.solver, *method.tolerances(), method.max_steps, method.steps)
 
 
 def _gone_through(method: Shooting, cover: Cover, low: Scalar, width: Scalar, begin: Shot) -> tuple[Array, Replay]:
