@@ -359,17 +359,21 @@ def test_the_sheet_of_a_finger_grasp_weighs_for_all_fingers():
     [
         # Two segments of one chamber each: between them are h_x of both, 0.6 + 0.7 mm, and no fin of 2 h_x.
         (
-            {"a": [9.0, 5.0], "h_x": [0.6, 0.7], "L": 5.4 + 5.6},
+            {"a": [9.0, 9.5], "h_x": [0.6, 0.7], "L": 5.4 + 5.6},
             {},
-            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.3 mm thick",
+            "between segments 1 and 2 is 20 mm high and 1.3 mm thick",
         ),
         (
-            {"a": [5.0, 9.0], "h_x": [0.7, 0.5], "L": 5.6 + 5.2},
+            {"a": [9.5, 9.0], "h_x": [0.7, 0.5], "L": 5.6 + 5.2},
             {},
-            "between segments 1 and 2, beside the higher chamber, is 20 mm high and 1.2 mm thick",
+            "between segments 1 and 2 is 20 mm high and 1.2 mm thick",
         ),
-        # One chamber alone has the fin between it and the foot, least_core_mm thick at least.
-        ({"a": 9.0, "h_x": 0.5, "L": 5.2}, {}, "behind the first chamber, h_x_mm, is 20 mm high and 1 mm thick"),
+        # The foot is 18 mm high above the cover, the chamber behind it 20 mm, and the fin between them 1 mm thick.
+        (
+            {"a": 9.0, "h_x": 0.5, "L": 5.2},
+            {"channel_wall_mm": 8.0},
+            "behind the first chamber, h_x_mm, is 18 mm high and 1 mm thick",
+        ),
     ],
 )
 def test_every_fin_of_the_mould_is_asked(changed, table, says):
@@ -382,6 +386,12 @@ def test_a_fin_may_be_as_slender_as_is_allowed():
     """12 mm high and 0.8 mm thick, 15 to 1, wherever the chambers stand along the finger."""
     table = cad.ManufactureTable(least_core_mm=0.8)
     cad.export_of(sg.pneunet.Free(a_finger(h_x=0.4, L=20.3)), table, with_moulds=False)
+
+
+@pytest.mark.parametrize("changed", [{"a": [9.0, 5.0], "h_x": [0.6, 0.7], "L": 11.0}, {"a": 9.0, "h_x": 0.5, "L": 5.2}])
+def test_a_fin_stands_free_above_the_lower_of_two_hollows(changed):
+    """Beside a chamber of 20 mm, which would be too slender for it, there is one of 12 mm, or the foot of 5 mm."""
+    cad.export_of(sg.pneunet.Free(a_finger(**changed)), TABLE, with_moulds=False)
 
 
 def test_a_fin_that_no_mould_has_is_not_asked():

@@ -321,15 +321,16 @@ def check(
                 f"channel_wall_mm is {w:.4g} mm: the air channel's tunnel would be higher than the air (2 a_mm) or "
                 f"wider than the chambers{where}; lower it, or channel_mm."
             )
+    # The tray is solid beside the lower of two hollows: above it the fin stands free.
     for one, other in pairwise(chambers):
         where = f"of segment {one.segment}, 2 h_x_mm,"
         if one.segment != other.segment:
-            where = f"between segments {one.segment} and {other.segment}, beside the higher chamber,"
-        height = 2 * max(one.a, other.a) + top_wall
+            where = f"between segments {one.segment} and {other.segment}"
+        height = 2 * min(one.a, other.a) + top_wall
         check_core(f"The fin of the mould {where}", other.start - one.end, height, table, "raise h_x_mm")
-    first = chambers[0]
-    where = "The fin of the mould behind the first chamber, h_x_mm,"
-    check_core(where, first.start - front, 2 * first.a + top_wall, table, "raise h_x_mm")
+    first, where = chambers[0], "The fin of the mould behind the first chamber, h_x_mm,"
+    height = min(2 * first.a + top_wall, c + 2 * w)
+    check_core(where, first.start - front, height, table, "raise h_x_mm")
     check_core("The ridge of the air channel, channel_mm,", c, c, table, "raise channel_mm")
     bore = math.sqrt(2) * c - 2 * table.least_wall_mm
     at_least("the bore of the end cap's nipple, 1.41 channel_mm - 2 least_wall_mm,", bore, 0.5, "raise channel_mm")
