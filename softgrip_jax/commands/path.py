@@ -242,13 +242,13 @@ def just_below(limit: float) -> float:
 
 
 def lost(curve: Solution) -> list[str]:
-    """A sentence for each reason, but a limit, why pressures of a curve have no state: a picture is without them."""
+    """A sentence for each reason, but a limit, why points of a curve have no state: a picture is without them."""
     from ..reasons import Reason
     from ..results import Status
 
     reasons = [Reason(int(r)) for r, s in zip(curve.reason, curve.status, strict=True) if s > Status.BEYOND_LIMIT]
     return [
-        f"{count} of {len(curve.status)} pressures have no state: {reason.text()}."
+        f"{count} of {len(curve.status)} points have no state: {reason.text()}."
         for reason, count in Counter(reasons).items()
     ]
 

@@ -79,7 +79,9 @@ def _sought(
     status = jnp.where(no_pressure, Status.NO_CONTACT, jnp.where(ended, Status.BEYOND_LIMIT, reached.status))
     reason = jnp.where(status == Status.BEYOND_LIMIT, int(Reason.VALUE_NOT_REACHED), reached.reason)
     reason = jnp.where(no_pressure, int(Reason.VALUE_PASSED), reason)
-    detail = jnp.where(ended, span.end, jnp.where(no_pressure, span.begin, reached.detail))
+    # The path is followed a little beyond the end of a law: it ends there all the same.
+    ends = ended | ((status == Status.BEYOND_LIMIT) & (reached.detail > span.end))
+    detail = jnp.where(ends, span.end, jnp.where(no_pressure, span.begin, reached.detail))
     held = loaded.status == Status.OK
     status, reason = jnp.where(held, status, loaded.status), jnp.where(held, reason, loaded.reason)
     meant = jnp.isfinite(value)

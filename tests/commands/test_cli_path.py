@@ -191,14 +191,14 @@ def test_the_last_pressure_of_a_curve_has_a_state(limit):
     assert float(f"{last:.10g}") == pytest.approx(last, rel=1e-12)
 
 
-def test_pressures_without_a_state_are_told(tmp_path, capsys):
+def test_points_without_a_state_are_told(tmp_path, capsys):
     """A picture ended before its fold, without a word."""
     config = tmp_path / "rod.toml"
     shell = 'shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = { type = "NeoHookean", mu_kPa = 175 } }'
     config.write_text(f'[scene]\ntype = "shell.Grasp"\nradius_mm = 3\ngap_mm = 3\nfriction = 0.96\n{shell}\n')
     assert run(["path", str(config), "--to-kPa", "12", "--points", "4", "--csv", str(tmp_path / "c.csv")]) == 0
     said = capsys.readouterr().err
-    assert said.startswith("2 of 4 pressures have no state: ")
+    assert said.startswith("2 of 4 points have no state: ")
     assert "pass through each other" in said
 
 

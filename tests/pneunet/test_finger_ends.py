@@ -98,6 +98,14 @@ def test_a_heavy_finger_rolls_up_too():
     assert int(near.reason[1]) == Reason.CURLED_UP
 
 
+@pytest.mark.parametrize("degrees", [400.0, 600.0])
+def test_what_no_pressure_gives_ends_with_the_law(degrees):
+    """However far the wanted value is: 600 degrees, which the path passes beyond that end, ended at 38.3 kPa."""
+    found = sg.pressure_for(sg.pneunet.Free(pneunet(TYPE_A), drive="cell"), tip_angle=np.deg2rad(degrees))
+    assert (int(found.status), int(found.reason)) == (BEYOND, Reason.VALUE_NOT_REACHED)
+    assert float(found.detail) == pytest.approx(0.24 * 136e3, rel=1e-12)
+
+
 def test_a_moment_that_no_section_carries():
     """The thesis's law ends at M = mu B H^2 / 6; a short thick finger is nowhere near two turns there."""
     short = dataclasses.replace(pneunet(TYPE_A), L=0.02)
