@@ -32,7 +32,8 @@ if jaxlib_version < (0, 11):
     flags += " --xla_cpu_opt_preset=CPU_OPT_PRESET_FAST_COMPILE" if unoptimised else ""
     os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {flags}"
 jax.config.update("jax_compilation_cache_dir", str(ROOT / ".pytest_cache" / "jax"))
-jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+# Small ones, too: every worker, and every module whose programs were let go, would compile them again.
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 # Commands that tests run as processes of their own share it.
 os.environ["JAX_COMPILATION_CACHE_DIR"] = str(ROOT / ".pytest_cache" / "jax")
 
