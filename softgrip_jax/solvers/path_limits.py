@@ -23,6 +23,8 @@ Vector = Float[Array, " n"]
 
 BRANCH_LENGTH = 50.0
 """Arc length of a drawn branch in scaled units at most: through the fold and down to where the finger curls up."""
+JUST_BEFORE = 0.003
+"""Steps before the end of the model at which a branch ends: the parabola is not the path."""
 BRANCH_POINTS = 100
 """At least as many are needed to see where a branch turns and ends."""
 
@@ -101,7 +103,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     def follow_it(step, _):
         points, trusted = trace(along, first_point, step, finer * (n - 1) + 1)
         pressures = jax.vmap(span.pressure_at)(points)
-        fold, end = branch_marks(points[:, -1], pressures, trusted & (points[:, -1] <= span.last()))
+        fold, end = branch_marks(points[:, -1], pressures, trusted, span.last())
         cells = jnp.ceil((n - 1) * fold / end)
         whole = jnp.where(fold < end, fold / jnp.maximum(cells, 1), end / (n - 1))
         return step * whole / finer, (points, trusted)
@@ -120,16 +122,18 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
 
 
 def branch_marks(
-    place: Float[Array, " k"], pressure: Float[Array, " k"], good: Bool[Array, " k"]
+    place: Float[Array, " k"], pressure: Float[Array, " k"], good: Bool[Array, " k"], most: Scalar | float = jnp.inf
 ) -> tuple[Scalar, Scalar]:
     """Where a branch turns and where it is to end, in steps of its points; it does not turn where both are the same.
 
     It turns at the top of the parabola through the three points around the first that is higher than the next. It ends
-    with the last `good` point; behind the turn, too, where the pressure is FALLEN times that of the turn, or where it
-    rises again, for what is stable then is for a beam not to be seen from the curve.
+    with the last `good` point, or JUST_BEFORE the place `most` of the parabola through the last point before it and its
+    neighbours; behind the turn, too, where the pressure is FALLEN times that of the turn, or where it rises again, for
+    what is stable then is for a beam not to be seen from the curve.
     """
     index = jnp.arange(place.shape[0])
-    gone = jnp.cumsum(~good) > 0
+    beyond = place > most
+    gone = jnp.cumsum(~good | beyond) > 0
     rise = jnp.diff(place, append=place[-1:])
     turns = (rise < 0) & ~gone & ~jnp.roll(gone, -1)
     turned = jnp.any(turns) & (jnp.argmax(turns) > 0)
@@ -142,4 +146,11 @@ def branch_marks(
     bend = low - 2 * high + after
     fold = middle + 0.5 * (low - after) / jnp.where(bend == 0, 1.0, bend)
     end = last.astype(fold.dtype)
+    here = jnp.clip(last, 1, index[-1] - 1)
+    low, high, after = place[here - 1], place[here], place[here + 1]
+    slope, bend, left = 0.5 * (after - low), low - 2 * high + after, most - high
+    passes = good[here + 1] & beyond[here + 1] & (here == last)
+    slope, bend, left = (jnp.where(passes, value, 1.0) for value in (slope, bend, left))
+    share = 2 * left / (slope + jnp.sqrt(jnp.maximum(slope**2 + 2 * bend * left, 0.0)))
+    end += jnp.where(passes, jnp.clip(share - JUST_BEFORE, 0.0, 1.0), 0.0)
     return jnp.where(turned & (fold < end), fold, end), end

@@ -20,7 +20,7 @@ from softgrip_jax.geometry import walls
 from softgrip_jax.plots import figures
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
 from softgrip_jax.results import Status
-from softgrip_jax.solvers.path_limits import branch_marks
+from softgrip_jax.solvers.path_limits import JUST_BEFORE, branch_marks
 from softgrip_jax.study.dataset import DESIGN
 from softgrip_jax.units import gram, kPa, mm
 
@@ -418,6 +418,23 @@ def test_where_a_followed_path_turns_and_ends(shape):
         assert fold == pytest.approx(60.3, abs=1e-6)
         half = 60.3 + 120 * 0.5**0.5
         assert end == (89 if shape == "dies behind" else np.floor(half))
+
+
+@pytest.mark.parametrize("bend", [-0.3, 0.0, 0.3])
+def test_a_path_ends_where_its_model_does(bend):
+    """Between two of its points, at the root of the place's own parabola."""
+    s = np.arange(50.0)
+    place = jnp.asarray(s / 50 + bend * (s / 50) ** 2)
+    expected = next(root.real for root in np.roots([bend / 2500, 1 / 50, -0.47]) if 0 < root.real < 50)
+    fold, end = branch_marks(place, place, jnp.asarray(s < 1000), 0.47)
+    assert fold == end == pytest.approx(expected - JUST_BEFORE, abs=1e-9)
+
+
+def test_a_branch_ends_with_the_law_and_not_a_step_before_it():
+    scene = sg.pneunet.Free(sg.PneuNet.table_5_1("A"), drive="cell")
+    curve = sg.branch(scene, 12)
+    assert np.all(np.asarray(curve.status) == sg.Status.OK)
+    assert float(jnp.max(curve.pressure)) == pytest.approx(0.24 * 136 * kPa, rel=1e-3)
 
 
 def test_the_curve_goes_through_the_limit_point():

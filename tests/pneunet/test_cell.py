@@ -184,7 +184,7 @@ def test_a_free_finger_ends_where_its_cells_carry_nothing_more():
     """All its cells end at one pressure: where the largest moment over the curvature is zero."""
     made = dataclasses.replace(finger("A"), a=7 * mm, b=8 * mm, h_x=0.73 * mm, t_m=0.9 * mm, H=6.1 * mm, L=60 * mm)
     curvatures = jnp.linspace(100.0, 245.0, 291)  # the scene `Cell` ends at 130
-    moments = jax.jit(jax.vmap(lambda k, p: law.cell_of(made, p).bent(k * made.B, 0.0)[0], in_axes=(0, None)))
+    moments = jax.jit(jax.vmap(lambda k, p: law.cell_of(made, p).bent(k * made.B, jnp.zeros(()))[0], in_axes=(0, None)))
     ends = brentq(lambda p: float(jnp.max(moments(curvatures, p))), 25 * kPa, 31 * kPa)
     free = sg.pneunet.Free(made, weight=None, drive="cell")
     assert float(sg.limit_pressure(free)) == pytest.approx(ends, rel=1e-5)
