@@ -6,8 +6,7 @@ from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jax import lax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ...curve_scene import CurveScene
 from ...fields import finite, part
@@ -86,25 +85,32 @@ class Cell(CurveScene):
     def interval(self):
         """To the end of the law, or to where the stretch leaves what is known; empty for a curvature that is not."""
         zero = jnp.zeros_like(self.finger.L)
+        return zero, jnp.where(self._begins(), self._stretched(), zero)
+
+    def _begins(self) -> Bool[Array, ""]:
+        """Whether it is known without pressure, and so up to some pressure."""
         low, high = known_curvatures(self.finger)
         known = (self.curvature >= low) & (self.curvature <= high)
-        return zero, jnp.where(known, self._stretched(), zero)
+        return known & (self._room(jnp.zeros_like(self.finger.L)) > 0)
+
+    def _room(self, share: Scalar) -> Scalar:
+        """Positive where the stretch is known, at a pressure over mu."""
+        stretch = self.bent(share)[1]
+        return (stretch - LEAST_STRETCH) * (MOST_STRETCH - stretch)
 
     def _stretched(self) -> Scalar:
         """The first pressure, over mu, at which the stretch leaves what is known; LARGEST_PRESSURE at most."""
-
-        def room(p, scene):
-            """Positive within."""
-            stretch = scene.bent(p)[1]
-            return (stretch - LEAST_STRETCH) * (MOST_STRETCH - stretch)
-
         places = LARGEST_PRESSURE * jnp.linspace(0.0, 1.0, PLACES)
-        within = jax.vmap(room, (0, None))(places, self) > 0
-        first = jnp.argmin(within)  # 0 where all are within
+        within = jax.vmap(self._room)(places) > 0
+        leaves, first = ~jnp.all(within), jnp.argmin(within)
         high, low = places[first], places[jnp.maximum(first - 1, 0)]
-        found = newton_bracketed(lambda p: -room(p, self), low, high, high).x
-        left = implicit(room, found, self)
-        return jnp.where(jnp.all(within), LARGEST_PRESSURE, jnp.where(first > 0, left, 0.0))
+        found = newton_bracketed(lambda p: -self._room(p), low, high, high).x
+
+        def equation(p, args):
+            scene, leaves, found = args
+            return jnp.where(leaves, scene._room(p), p - found)  # a root that is none may have no derivatives
+
+        return jnp.where(leaves, implicit(equation, found, (self, leaves, found)), LARGEST_PRESSURE)
 
     def load(self, angle):
         """The unknown is p / mu itself."""
@@ -122,8 +128,7 @@ class Cell(CurveScene):
     def verified(self, found):
         """Where no pressure has a state, it is the law that ends."""
         found = super().verified(found)
-        start, end = lax.stop_gradient(self.interval())
-        unknown = self.can_exist() & (start >= end)
+        unknown = self.can_exist() & ~self._begins()
         return found._replace(
             status=jnp.where(unknown, Status.BEYOND_LIMIT, found.status),
             reason=jnp.where(unknown, int(Reason.CELL_LAW_ENDS), found.reason),
