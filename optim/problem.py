@@ -543,12 +543,19 @@ class Problem:
 
     def _made(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """That program, for rows of these shapes."""
-        key = function.__name__, *fixed.items(), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
-        if key not in self._programs:
+
+        def make():
             batched = traced_once(jax.vmap(wraps(function)(partial(function, **fixed))))
             about = f"{self.about}{fixed or ''}"
-            kept = program(batched, *rows, about=about, options=options) if self.about else batched
-            self._programs[key] = kept
+            return program(batched, *rows, about=about, options=options) if self.about else batched
+
+        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
+        return self.kept((function.__name__, *fixed.items(), shapes), make)
+
+    def kept(self, key: Any, make: Callable[[], Any]) -> Any:
+        """What `make` makes, once for every key: a program that another search of this problem has compiled."""
+        if key not in self._programs:
+            self._programs[key] = make()
         return self._programs[key]
 
     def prepare(self, chunk: int, nearby: int) -> None:

@@ -412,8 +412,8 @@ def _in_calls(run: Callable[[list[Any]], list[Any]], size: int, *rows: Any) -> A
     for start in range(0, count, size):
         part = jax.tree.map(lambda v, start=start: np.asarray(v[start : start + size]), rows)
         batches.append(jax.tree.map(lambda v: np.concatenate([v, np.repeat(v[-1:], size - len(v), axis=0)]), part))
-    parts = run(batches)
-    return jax.tree.map(lambda *x: np.concatenate([np.asarray(v) for v in x])[:count], *parts)
+    parts = jax.device_get(run(batches))  # at once: one array after the other would wait for a GPU each time
+    return jax.tree.map(lambda *x: np.concatenate(x)[:count], *parts)
 
 
 def evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> Evaluated:
@@ -603,16 +603,22 @@ def search(
         answered = np.flatnonzero(sampled.shortfall == 0)
         if len(answered):
             evaluate.home = start_t[answered[0]]
-    judging = jax.jit(lambda values, scales: score_with_slopes(problem, scales, values))
+    judging = problem.kept(
+        ("judging",), lambda: jax.jit(lambda values, scales: score_with_slopes(problem, scales, values))
+    )
 
     def score(values: Any) -> tuple[Score, Score]:
         return judging(values, scaling.scales)
 
+    name = (optimiser, learning_rate, steps) if isinstance(optimiser, str) else optimiser
     if isinstance(optimiser, str):
         optimiser = getattr(optax, optimiser)(optax.cosine_decay_schedule(learning_rate, steps, FINAL_RATE))
     rule = optax.chain(optax.clip_by_global_norm(STEEPEST), optimiser)
-    members = _begin(start_t, len(problem.constrained), rule)
-    advance = jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
+    begin = problem.kept(("begin", name), lambda: jax.jit(lambda t: (to_free(t), jax.vmap(rule.init)(to_free(t)))))
+    members = _begin(start_t, len(problem.constrained), *begin(start_t))
+    advance = problem.kept(
+        ("advance", name), lambda: jax.jit(jax.vmap(partial(_step, problem, rule), in_axes=(None, 0, 0, None)))
+    )
     # Called for nothing, to be compiled.
     score(at_reference.values[0])
     advance(scaling.scales, members, jax.tree.map(lambda v: np.repeat(v, len(members.u), axis=0), at_reference), 0)
@@ -683,9 +689,9 @@ def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
     return np.concatenate([reference[None], points])[:starts]
 
 
-def _begin(t: np.ndarray, constraints: int, rule: Any) -> SearchMember:
-    """A member at each row of unit values."""
-    count, (u, memory) = len(t), jax.jit(lambda t: (to_free(t), jax.vmap(rule.init)(to_free(t))))(t)
+def _begin(t: np.ndarray, constraints: int, u: Any, memory: Any) -> SearchMember:
+    """A member at each row of unit values, with its free variables and what the optimiser begins with."""
+    count = len(t)
     return SearchMember(
         u,
         t,
@@ -763,13 +769,14 @@ def _descend(
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
             scaling.learn(fresh.values)
             before, members = np.asarray(members.t), advance(scaling.scales, members, found, step)
-            moving = np.flatnonzero(np.asarray(members.stalled) < PERIOD)
-            paths.append(np.where(company.into == np.arange(len(before)), np.asarray(members.objective), np.nan))
+            seen = jax.device_get(members._replace(memory=()))
+            moving = np.flatnonzero(seen.stalled < PERIOD)
+            paths.append(np.where(company.into == np.arange(len(before)), seen.objective, np.nan))
             if step % PERIOD == PERIOD - 1:
-                left, rest = company.look(moving, before, np.asarray(members.rank)), np.array(members.stalled)
+                left, rest = company.look(moving, before, seen.rank), np.array(seen.stalled)
                 rest[left] = PERIOD
                 members, moving = members._replace(stalled=rest), np.setdiff1d(moving, left)
-            rank = np.asarray(members.best_rank)
+            rank = seen.best_rank
             best = rank.min()
             feasible = int(np.sum(rank < 0.5 * NO_EQUILIBRIUM_RANK))
             equilibrium = int(np.sum(found.shortfall == 0))

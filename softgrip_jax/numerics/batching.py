@@ -1,8 +1,8 @@
-"""Loops whose members differ in length, in a batch: a member that has ended makes room for the next one.
+"""Loops whose members differ in length, in a batch: what has ended is not gone through again.
 
 Under `vmap` a `lax.while_loop` runs every member as often as the slowest. A thousand searches of 20 to 300 iterations
-each then cost 300 iterations each. Here a batch goes through a number of slots instead: each iteration works on what is
-in the slots, and a slot whose member has ended takes the next member of the batch.
+each then cost 300 iterations each. Here a batch is gone through in blocks instead: a block goes on until a part of it
+has ended, and what is left of all blocks is packed into fewer of them for the next round.
 
 Libraries that were looked at: JAX itself masks what has ended and goes on with the whole batch, and so does all that is
 made of its loops (optimistix, diffrax, equinox); `lax.map` with a batch size waits for the slowest of each block.
@@ -19,10 +19,15 @@ from jax import lax
 from jax.custom_batching import custom_vmap, sequential_vmap
 from jax.flatten_util import ravel_pytree
 
-SLOTS = {"cpu": 64}
+from .choice import select
+
+BLOCK = {"cpu": 64}
 """Members at work at the same time: on a CPU as many as its first cache holds with all that an iteration needs."""
-MANY_SLOTS = 1 << 18
-"""... and on other devices. Smaller batches wait for their slowest member: to fill slots again costs a GPU more."""
+LARGE_BLOCK = 1 << 15
+"""... and on other devices, which start some hundred kernels for each iteration. Smaller batches wait for their slowest
+member."""
+LEFT = 0.75
+"""A block of several goes on until no more than this part of it is left."""
 
 
 def one_at_a_time() -> bool:
@@ -37,12 +42,12 @@ def in_turn(function: Callable[..., Any]) -> Callable[..., Any]:
     return lambda *args: turn(*args) if one_at_a_time() else function(*args)
 
 
-def lane_pool(
+def in_blocks(
     busy: Callable[[Any], Any],
     iterate: Callable[[Any, Any], Any],
     start: Any,
     context: Any,
-    slots: int | None = None,
+    block: int | None = None,
 ) -> Any:
     """lax.while_loop(busy, lambda state: iterate(state, context), start), for batches of any size.
 
@@ -60,50 +65,47 @@ def lane_pool(
         # All of a state becomes a batch: said at once, or JAX looks for that in the loop's body, several times.
         start = jax.tree.map(lambda v, b: v if b else jnp.broadcast_to(v, (size, *jnp.shape(v))), start, is_batched[0])
         axes = jax.tree.map(lambda b: 0 if b else None, is_batched[1])
-        width = slots or SLOTS.get(jax.default_backend(), MANY_SLOTS)
+        width = block or BLOCK.get(jax.default_backend(), LARGE_BLOCK)
         if size <= width:
             found = jax.vmap(loop, (0, axes), axis_size=size)(start, context)
         else:
-            found = _through_pool(busy, iterate, start, context, is_batched[1], size, width)
+            found = _in_rounds(busy, iterate, start, context, is_batched[1], size, width)
         return found, jax.tree.map(lambda _: True, found)
 
     return run(start, context)
 
 
-def _through_pool(busy, iterate, start, context, is_batched, size: int, width: int):
-    one, packed = jax.tree.map(lambda v: v[0], start), jax.vmap(lambda state: ravel_pytree(state)[0])(start)
-    unpack = ravel_pytree(one)[1]
+def _in_rounds(busy, iterate, start, context, is_batched, size: int, width: int):
+    """Rounds of blocks, until all members have ended."""
+    unpack = ravel_pytree(jax.tree.map(lambda v: v[0], start))[1]
     axes = jax.tree.map(lambda b: 0 if b else None, is_batched)
 
-    def contexts(members):
-        return jax.tree.map(lambda v, b: v[members] if b else v, context, is_batched)
+    def pack(states):
+        return jax.vmap(lambda state: ravel_pytree(state)[0])(states)
 
-    def one_on(state, context):
-        """One iteration of what is busy, and whether it still is."""
-        before = unpack(state)
-        after = iterate(before, context)
-        new = jnp.where(busy(before), ravel_pytree(after)[0], state)
-        return new, busy(unpack(new))
+    def once(state, going, context):
+        after = select(going, iterate(state, context), state)
+        return after, busy(after)
 
-    def step(state):
-        members, current, following, done, found = state
-        occupied = members < size
-        new, going = jax.vmap(one_on, (0, axes))(current, contexts(jnp.minimum(members, size - 1)))
-        ended = occupied & ~going
-        # What has ended goes to the front of a block, and the next block over the rest of this one: rows written to
-        # places of their own would be a loop over the slots.
-        rows = jnp.concatenate([new, members[:, None].astype(new.dtype)], axis=1)
-        so_far = jnp.cumsum(ended)
-        first = jnp.searchsorted(so_far, jnp.arange(1, width + 1), method="compare_all" if width < 1000 else "scan")
-        found = lax.dynamic_update_slice(found, rows[first], (done, 0))
-        taken = following + so_far - 1
-        members = jnp.where(ended, taken, members)
-        new = jnp.where(ended[:, None], packed[jnp.minimum(members, size - 1)], new)
-        count = so_far[-1]
-        return members, new, following + count, done + count, found
+    def block(k, carried):
+        rows, going, order, few = carried
+        # The last block begins where it just fits: members of two blocks are where the first one left them.
+        members = lax.dynamic_slice_in_dim(order, k * width, width)
+        own = jax.tree.map(lambda v, b: v[members] if b else v, context, is_batched)
+        found, still = lax.while_loop(
+            lambda state: jnp.sum(state[1]) > few,
+            lambda state: jax.vmap(once, (0, 0, axes))(*state, own),
+            (jax.vmap(unpack)(rows[members]), going[members]),
+        )
+        return rows.at[members].set(pack(found)), going.at[members].set(still), order, few
 
-    members, none = jnp.arange(width), jnp.asarray(0)
-    start_state = (members, packed[:width], none + width, none)
-    found = jnp.zeros((size + width, packed.shape[1] + 1), packed.dtype)
-    *_, found = lax.while_loop(lambda state: state[3] < size, step, (*start_state, found))
-    return jax.vmap(unpack)(found[jnp.argsort(found[:size, -1]), :-1])
+    def one_round(state):
+        rows, going = state
+        count = jnp.sum(going)
+        few = jnp.where(count > width, int(LEFT * width), 0)
+        order = jnp.argsort(~going)  # the members that are left first
+        rows, going, *_ = lax.fori_loop(0, -(-count // width), block, (rows, going, order, few))
+        return rows, going
+
+    rows, _ = lax.while_loop(lambda state: jnp.any(state[1]), one_round, (pack(start), jax.vmap(busy)(start)))
+    return jax.vmap(unpack)(rows)

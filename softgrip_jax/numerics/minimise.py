@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
-from .batching import in_turn, lane_pool
+from .batching import in_blocks, in_turn
 from .choice import select
 
 Vector = Float[Array, " n"]
@@ -66,7 +66,7 @@ PATIENCE = 40
 """Steps at one load. 3 to 10 are needed; where the load has just passed its largest value Newton's method halves its
 distance to a point that is no minimum, and would go on so."""
 MAX_EVALUATIONS = 600
-SLOTS = 1024
+BLOCK = 1024
 """Members of a batch that are at work at once, where they are not solved one after the other: the Hessian of each takes
 half a megabyte to make."""
 
@@ -143,7 +143,7 @@ def minimise(
     state = _State(start, start_load, start, no, start, start, *numbers, none, yes, no, no, none)
     largest = zero + largest_step
     begun = _towards(start, start_load, (guess - start) / safe, largest, state, load)
-    end = lane_pool(_busy, _iteration(expansion), begun, (args, load, largest), slots=SLOTS)
+    end = in_blocks(_busy, _iteration(expansion), begun, (args, load, largest), block=BLOCK)
     return Minimum(end.kept, end.kept_load, end.slope, end.touching, end.reached, end.lost, end.count)
 
 

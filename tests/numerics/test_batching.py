@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from softgrip_jax.numerics.batching import lane_pool
+from softgrip_jax.numerics.batching import in_blocks
 from softgrip_jax.numerics.xla import traced_once
 
 
@@ -26,7 +26,7 @@ def collatz(number, end):
         odd = state.odd ^ (following % 2 == 1)
         return Counted(jnp.where(state.number == end, state.number, following), state.steps + 1, odd)
 
-    return lane_pool(lambda state: state.number != 1, iterate, start, end)
+    return in_blocks(lambda state: state.number != 1, iterate, start, end)
 
 
 def expected(number):
@@ -63,11 +63,39 @@ def test_every_lane_has_its_own_context():
 
     def added(steps, number):
         start = jnp.asarray(steps), jnp.asarray(0.0)
-        return lane_pool(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
+        return in_blocks(lambda s: s[0] > 0, lambda s, number: (s[0] - 1, s[1] + number), start, number)[1]
 
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(steps, numbers), steps * numbers, rtol=1e-12)
-    together = np.full(200, 5)  # every slot ends at once, and makes room for as many
+    together = np.full(200, 5)  # every member of a block ends at once
     np.testing.assert_allclose(jax.jit(jax.vmap(added))(together, numbers), 5 * numbers, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("size", "block"), [(16, 16), (17, 16), (31, 16), (33, 16), (100, 16), (100, 1)])
+def test_a_batch_of_any_size_is_gone_through_in_blocks_of_any(size, block):
+    """The last block begins where it just fits, so that some members are looked at twice: they step no further."""
+    steps = jnp.asarray(np.random.default_rng(size).permutation(size) ** 2 % 53)
+
+    def counted(steps):
+        start = steps, jnp.asarray(0)
+        return in_blocks(lambda s: s[0] > 0, lambda s, _: (s[0] - 1, s[1] + 1), start, 0.0, block=block)[1]
+
+    assert np.array_equal(jax.jit(jax.vmap(counted))(steps), steps)
+
+
+def test_few_long_loops_do_not_hold_up_a_batch():
+    """Iterations of whole blocks are counted by a callback: 64 members of 1,024 need a hundred iterations, the others
+    four. All of them side by side would take 1,024 x 100."""
+    steps, worked = jnp.where(jnp.arange(1024) % 16 == 3, 100, 4), []
+
+    def iterate(state, _):
+        jax.debug.callback(lambda going: worked.append(going), state > 0)
+        return state - 1
+
+    found = jax.vmap(lambda n: in_blocks(lambda s: s > 0, iterate, n, 0.0, block=32))(steps)
+    jax.effects_barrier()
+    assert np.all(found == 0)
+    needed = int(jnp.sum(steps))
+    assert needed <= len(worked) < 1.2 * needed
 
 
 def times_traced(batched):
@@ -79,7 +107,7 @@ def times_traced(batched):
         return state + step
 
     def added(step):
-        return lane_pool(lambda state: state < 10, iterate, 0.0 * step, step)
+        return in_blocks(lambda state: state < 10, iterate, 0.0 * step, step)
 
     function = traced_once(added)
     jax.jit(jax.vmap(function) if batched else function)(jnp.array([1.0, 3.0]) if batched else 1.0)

@@ -197,7 +197,7 @@ def test_what_rises_steeply_has_no_largest_load(center):
 
 def test_a_member_that_has_ended_makes_room_for_the_next(monkeypatch):
     """70 members in eight places, as on a GPU: each ends as it does alone."""
-    monkeypatch.setattr(module, "SLOTS", 8)
+    monkeypatch.setattr(module, "BLOCK", 8)
     loads = jnp.linspace(-2.0, 1.1, 70)  # beyond 1 there is no equilibrium
     powers = jnp.asarray([1.0, -1 / 3, 0.0, 0.0])
 

@@ -258,6 +258,26 @@ def test_the_same_seed_gives_the_same_answer():
     assert one.solves == two.solves
 
 
+def test_a_second_search_of_a_problem_compiles_nothing():
+    problem, compiled = rosen_suzuki(), []
+
+    def hear(event, seconds, **more):
+        if "backend_compile" in event:
+            compiled.append(event)
+
+    first = search(problem, starts=8, steps=12, finishes=1)
+    jax.monitoring.register_event_duration_secs_listener(hear)
+    try:
+        second = search(problem, starts=8, steps=12, finishes=1)
+        assert not compiled
+        slower = search(problem, starts=8, steps=12, finishes=1, learning_rate=0.1)
+        assert compiled  # another rate is another program
+    finally:
+        jax.monitoring.unregister_event_duration_listener(hear)
+    np.testing.assert_array_equal(first.paths, second.paths)
+    assert second.descended == first.descended != slower.descended
+
+
 def test_all_distinct_optima_are_found():
     found = search(himmelblau(), starts=32, steps=40)
     minima = [(3, 2), (-2.805118, 3.131312), (-3.779310, -3.283186), (3.584428, -1.848126)]

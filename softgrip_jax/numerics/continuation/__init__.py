@@ -6,7 +6,7 @@ No derivatives pass through a search (see `implicit`).
 
 One loop does everything (steps, the search for a limit point, the last step to the goal), one Newton iteration of
 whatever is under way at a time: the residual and its Jacobian are compiled once, which is what users wait for, and
-members of a batch do not wait for each other's iterations (see `batching.lane_pool`).
+members of a batch do not wait for each other's iterations (see `batching.in_blocks`).
 
 Libraries that were looked at: optimistix and diffrax follow no paths. JaxCont does, in JAX and under vmap, but a
 step counts there as soon as Newton's method has converged, so it may leap to another branch; it ends at a value of the

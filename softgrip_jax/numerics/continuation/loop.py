@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Int
 
-from ..batching import lane_pool
+from ..batching import in_blocks
 from ..choice import select
 from .newton import (
     FINE,
@@ -182,11 +182,11 @@ def follow(
         begin = select(climb.here & ~jnp.asarray(is_there), _trying(climb.rest, climb.to), begin)
     begin = begin._replace(mode=jnp.where(is_there, REACHED, begin.mode))
     if climb is None:
-        end = lane_pool(busy, iterate, begin, (args, u, first, detour))
+        end = in_blocks(busy, iterate, begin, (args, u, first, detour))
     else:
 
         def further(now: Climbing) -> Climbing:
-            search = lane_pool(busy, iterate, now.search, (args, now.start, now.first, now.detour))
+            search = in_blocks(busy, iterate, now.search, (args, now.start, now.first, now.detour))
             return _climbed(now._replace(search=search), climb, args, by)
 
         climbing = Climbing(begin, climb.to, climb.rest, climb.to, u, first, detour)
