@@ -60,6 +60,9 @@ from .pareto import NoFrontError
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
 
+LARGE_GAIN = 0.1
+"""Of an objective, from which on both of its values tell more than their ratio: two digits of them differ."""
+
 SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
 
@@ -392,11 +395,20 @@ def _batch(result: SearchResult) -> str:
     met = f", {result.merged} of them until they met a better one and stayed beside it" if result.merged else ""
     where = ", ".join(ends) if ends else "none ended near a design of the table"
     said = f"{starts} designs descended at once{met}: {where}."
-    if result.best.feasible and np.isfinite(result.descended):
-        gain = (result.descended - result.best.objective) / max(abs(result.best.objective), 1e-300)
-        if gain > 0:  # none was asked for, or Ctrl-C came before it, where there is none
-            said += f" The finish improved the best of them by {gain:.1g} of its objective."
+    # No finish was asked for, or Ctrl-C came before it, where nothing was gained.
+    if result.best.feasible and np.isfinite(result.descended) and result.best.objective < result.descended:
+        said += f" The finish improved the objective of the best of them {_improvement(result)}."
     return said
+
+
+def _improvement(result: SearchResult) -> str:
+    """What the finish gained, in words: a small gain as a share of the value before, a large one by both values."""
+    before, after = result.descended, result.best.objective
+    share = (before - after) / max(abs(before), 1e-300)
+    if share < LARGE_GAIN:
+        return f"by {share:.1%}" if share >= 1e-3 else f"by {100 * share:.1g}%"
+    sign, _ = _sense(result.problem)
+    return f"from {sign * before:.2g} to {sign * after:.2g}"
 
 
 def _change(start: float, value: float) -> str:
