@@ -39,7 +39,8 @@ BOTH = (
 
 class Beside(NamedTuple):
     """Quantities by the other drive. Where a design has no state at a pressure by that drive, the quantities there come
-    once more, at a lower pressure at which all of the designs have one."""
+    once more, at a lower pressure at which all of the designs have one; but not the points of a shape, which is to be
+    followed at its own pressure."""
 
     quantities: list[Quantity]
     kinds: list[str]
@@ -52,11 +53,21 @@ class Beside(NamedTuple):
     remarks: list[str]
 
     def rows(self, problem: Problem) -> list[tuple[str, list[str]]]:
-        """(label, values of the designs in words) of every quantity."""
+        """(label, values of the designs in words) of every quantity but the points of shapes."""
         return [
             (f"{problem.label(q)}, drive {drive}", [in_units(v, kind) for v in column])
             for q, kind, drive, column in zip(self.quantities, self.kinds, self.drives, self.values.T, strict=True)
+            if q.along is None
         ]
+
+    def of_goals(self, goals: Sequence[Goal]) -> list[tuple[str, list[Goal], np.ndarray]]:
+        """(drive, those of the goals whose quantity is known by it, their values with a row per design), per drive."""
+        places = [(self.quantities.index(g.quantity), g) for g in goals if g.quantity in self.quantities]
+        found = []
+        for drive in dict.fromkeys(self.drives[place] for place, _ in places):
+            own = [(place, goal) for place, goal in places if self.drives[place] == drive]
+            found.append((drive, [goal for _, goal in own], self.values[:, [place for place, _ in own]]))
+        return found
 
     def compared(self, quantity: Quantity) -> tuple[Quantity, str, np.ndarray] | None:
         """A quantity at a pressure at which all designs have a state by the other drive, that drive, and its values."""
@@ -89,7 +100,7 @@ def other_drive(problem: Problem, designs: int) -> OtherDrive | None:
     quantities = [
         q
         for q in problem.quantities
-        if q.scene in others and q.at not in (None, AT_REST) and q.along is None and q.observable != LIMIT_MARGIN
+        if q.scene in others and q.at not in (None, AT_REST) and q.observable != LIMIT_MARGIN
         if _has(others[q.scene], q)
     ]
     if not quantities:
@@ -136,8 +147,8 @@ def by_other_drive(problem: Problem, x: Sequence[Any], other: OtherDrive | None 
     found = at(given)
     shared = shared_pressures(given, found)
     lower = np.flatnonzero(shared < given)
-    again = at(shared) if lower.size else found
-    of_lower = [k for k, of in enumerate(asked_set.state_of) if of in lower]
+    of_lower = [k for k, of in enumerate(asked_set.state_of) if of in lower and asked_set.quantities[k].along is None]
+    again = at(shared) if of_lower else found
     lowered = [dataclasses.replace(asked_set.quantities[k], at=float(shared[asked_set.state_of[k]])) for k in of_lower]
     # Several pressures of one scene may come down to the same one.
     at_lower = QuantitySet(scenes, lowered)

@@ -339,7 +339,7 @@ def test_the_sheet_of_a_shell_grasp_weighs_for_all_fingers(fingers):
     grasp = sg.shell.Grasp(a_shell(), radius=20 * mm, gap=5 * mm, mass=0.5, fingers=fingers)
     export = cad.export_of(grasp, TABLE, with_moulds=False)
     grams = (44 * 98 * 1.1 + 2 * (44 * 98 - 40 * 94)) / 1000 * 1.08 * 1.15 / 2
-    page = cad.as_html("pad", cad.sheet(export, TABLE, [], [], [], 1.001))
+    page = cad.as_html("pad", cad.sheet(export, TABLE, [], cad.Expected([]), [], 1.001))
     assert "The masses are of one piece each" in page
     every, whole = f"{fingers}: cast and print every part as often", f"{fingers * grams:.1f} g of A"
     assert (every in page) == (whole in page) == (fingers > 1)
@@ -441,7 +441,10 @@ def test_both_sheets_say_the_same(shell, tmp_path):
     pytest.importorskip("reportlab", reason="the extra cad is not installed")
     checks = list(cad.check_thicknesses(shell, {p.name: p.solid for p in shell.pieces}))
     wide = [(f"quantity {k}", "a value that needs more than one line of any page " * 4) for k in range(60)]
-    content = cad.sheet(shell, TABLE, checks, [*wide, ("a<b&c", "1 mm")], [], 1.001)
+    expected = cad.Expected(
+        [*wide, ("a<b&c", "1 mm")], sentences=["By both laws a<b, and neither is known to be right."]
+    )
+    content = cad.sheet(shell, TABLE, checks, expected, [], 1.001)
     for name in ("one.pdf", "two.pdf"):
         assert cad.write_pdf(tmp_path / name, "pad \u4e2d: shell", content)
     assert (tmp_path / "one.pdf").read_bytes() == (tmp_path / "two.pdf").read_bytes()

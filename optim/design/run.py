@@ -52,13 +52,19 @@ from ..records import (
 from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
-from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
+from .descent import ACTIVE, FEASIBLE, SearchResult, search
 from .front_run import run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
 
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
+
+DISTANCE = "distance from the curve (rms)"
+"""Of a shape that is followed, in the printed table."""
+
+LARGE_GAIN = 0.1
+"""Of an objective, from which on both of its values tell more than their ratio: two digits of them differ."""
 
 SHOWN = 5
 """Designs in the printed table; designs.csv has them all."""
@@ -339,13 +345,14 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
             table.add_row(problem.label(quantity), *(in_words(seen(problem, d)[k], kind) for d in shown))
     followed = [goal for goal in problem.goals if goal.quantity.along is not None]
     if followed:
-        table.add_row(
-            "distance from the curve (rms)", *(in_units(_distance(problem, followed, d), "length") for d in shown)
-        )
+        places = [problem.asked.index(goal.quantity) for goal in followed]
+        table.add_row(DISTANCE, *(in_units(_distance(followed, d.values[places]), "length") for d in shown))
     # Nobody who stops a search waits for one more program to be compiled.
     beside = None if result.stopped else by_other_drive(problem, [design.x for design in shown], of_other)
     for name, values in beside.rows(problem) if beside else []:
         table.add_row(name, *values)
+    for drive, goals, rows in beside.of_goals(followed) if beside else []:
+        table.add_row(f"{DISTANCE}, drive {drive}", *(in_units(_distance(goals, row), "length") for row in rows))
     for quantity in dict.fromkeys(goal.quantity for goal in problem.goals if goal.kind != "reach"):
         k = problem.quantities.index(quantity)
         start, name = seen(problem, result.reference)[k], problem.label(quantity)
@@ -392,11 +399,20 @@ def _batch(result: SearchResult) -> str:
     met = f", {result.merged} of them until they met a better one and stayed beside it" if result.merged else ""
     where = ", ".join(ends) if ends else "none ended near a design of the table"
     said = f"{starts} designs descended at once{met}: {where}."
-    if result.best.feasible and np.isfinite(result.descended):
-        gain = (result.descended - result.best.objective) / max(abs(result.best.objective), 1e-300)
-        if gain > 0:  # none was asked for, or Ctrl-C came before it, where there is none
-            said += f" The finish improved the best of them by {gain:.1g} of its objective."
+    # No finish was asked for, or Ctrl-C came before it, where nothing was gained.
+    if result.best.feasible and np.isfinite(result.descended) and result.best.objective < result.descended:
+        said += f" The finish improved the objective of the best of them {_improvement(result)}."
     return said
+
+
+def _improvement(result: SearchResult) -> str:
+    """What the finish gained, in words: a small gain as a share of the value before, a large one by both values."""
+    before, after = result.descended, result.best.objective
+    share = (before - after) / max(abs(before), 1e-300)
+    if share < LARGE_GAIN:
+        return f"by {share:.1%}" if share >= 1e-3 else f"by {100 * share:.1g}%"
+    sign, _ = _sense(result.problem)
+    return f"from {sign * before:.2g} to {sign * after:.2g}"
 
 
 def _change(start: float, value: float) -> str:
@@ -416,9 +432,10 @@ def _without_answer(result: SearchResult) -> str:
     return f"No design with an answer was found. Of the {len(designs)} that came nearest, {'; '.join(reasons)}."
 
 
-def _distance(problem: Problem, followed: list[Goal], design: Design) -> float:
-    """Root of the mean square distance of a shape from the points that it shall go through, m: two goals to a point."""
-    missed = [design.values[problem.asked.index(goal.quantity)] - (goal.target or 0.0) for goal in followed]
+def _distance(followed: list[Goal], values: np.ndarray) -> float:
+    """Root of the mean square distance of a shape from the points that it shall go through, m: two goals to a point.
+    values: of the goals' quantities, in SI."""
+    missed = values - np.array([goal.target or 0.0 for goal in followed])
     return float(np.sqrt(2 * np.mean(np.square(missed))))
 
 

@@ -163,9 +163,10 @@ class Scattered:
         try:
             front = _front(wants, best, uncertain, tell)
             lap("front")
-            tell("comparing tolerances")
-            compared = budget(wants, best) if uncertain.budget else None
-            lap("tolerances")
+            if uncertain.budget:
+                tell("comparing tolerances")
+                compared = budget(wants, best)
+                lap("tolerances")
         except KeyboardInterrupt:  # the robust design is found, and its parts are counted
             stopped = True
         result = dataclasses.replace(self._with_best(nominal, best, scaling), stopped=stopped)

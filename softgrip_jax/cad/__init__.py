@@ -30,6 +30,7 @@ from .plates import laid_out as laid_out
 from .plates import printed as printed
 from .plates import write_plate as write_plate
 from .rules import ManufactureTable as ManufactureTable
+from .sheet import Expected as Expected
 from .sheet import as_html as as_html
 from .sheet import sheet as sheet
 from .sheet import silicone as silicone

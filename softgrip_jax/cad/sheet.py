@@ -48,6 +48,16 @@ class Steps(NamedTuple):
     steps: Sequence[str]
 
 
+class Expected(NamedTuple):
+    """What the model says of a design, in words."""
+
+    rows: Sequence[Sequence[str]]
+    """(quantity, its value by each law)."""
+    header: Sequence[str] = ("quantity", "value")
+    sentences: Sequence[str] = ()
+    """Below the table: what must be known of these values."""
+
+
 Content = Sequence[Heading | Text | Rows | Picture | Steps]
 
 STYLE = """body{font:15px/1.45 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}
@@ -105,7 +115,7 @@ def sheet(
     export: Export,
     table: ManufactureTable,
     checks: Sequence[Check],
-    expected: Sequence[tuple[str, str]],
+    expected: Expected,
     pictures: Sequence[str],
     scale: Number,
 ) -> Content:
@@ -138,7 +148,8 @@ def sheet(
         Rows(("piece", "for", "size (mm)", "volume (cm^3)"), sizes),
         *([Heading("Steps"), Steps(STEPS[export.kind])] if export.moulds else []),
         Heading("What the model expects"),
-        Rows(("quantity", "value"), list(expected)),
+        Rows(expected.header, expected.rows),
+        *map(Text, expected.sentences),
         Heading("Thicknesses, measured in the solids"),
         Rows(
             ("where", "part", "asked (mm)", "measured (mm)"),

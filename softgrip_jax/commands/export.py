@@ -12,12 +12,10 @@ from typing import Any
 
 from rich.console import Console
 
-from ..errors import CellRangeWarning, InputError, located
+from ..errors import located
 from ..folders import contents, new_folder
-from .asked import solving
+from .expected import as_data, expectations
 from .files import one_scene, tell_folder
-from .path import why_no_limit
-from .programs import kept
 
 
 def run_export(
@@ -61,7 +59,7 @@ def run_export(
                 dict(zip(("pour", "volume_cm3", "mass_g", "part_A_g", "part_B_g"), row, strict=True))
                 for row in cad.silicone(export, table)
             ],
-            "expected": dict(expected),
+            **as_data(expected),
             "plates": plates,
             "checks": [check.as_data() for check in checks],
             "all_good": all(check.good for check in checks),
@@ -122,36 +120,6 @@ def write_plates(folder: Path, export: Any, table: Any) -> int:
         (folder / "plates").mkdir(exist_ok=True)
         cad.write_plate(plate, folder / "plates" / f"plate_{number}.3mf")
     return len(plates)
-
-
-def expectations(read: Any) -> list[tuple[str, str]]:
-    """What the model says of the design: its state as [solve] asks, where it does, and its limit pressure."""
-    import warnings
-
-    import numpy as np
-
-    from .. import config as configs
-    from ..questions import pressure_at_limit, to_limit
-    from ..results import in_units
-
-    rows: list[tuple[str, str]] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", CellRangeWarning)  # softgrip solve says it
-        try:
-            solution = solving(read.scene, configs.question(read))()
-            rows += [(name, value) for name, value in solution.rows() if value != "-"]
-        except InputError as error:
-            rows.append(("state", f"none: {error}"))
-        try:
-            limit = float(kept(pressure_at_limit, to_limit(read.scene)))
-            if np.isnan(limit):
-                told = f"unknown: {why_no_limit(read.scene)}"
-            else:
-                told = "none" if np.isinf(limit) else in_units(limit, "pressure")
-            rows.append(("limit pressure", told))
-        except InputError as error:
-            rows.append(("limit pressure", f"none: {error}"))
-    return rows
 
 
 def draw_all(folder: Path, export: Any, scale: int | float) -> list[str]:

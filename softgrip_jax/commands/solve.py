@@ -9,6 +9,7 @@ import dataclasses
 import json
 import sys
 import warnings
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +156,6 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     from ..config.modules import type_name
     from ..pneunet.grasp import Grasp, heaviest_held
     from ..questions import pressure_at_limit, to_limit
-    from ..reasons import BROKEN, Reason
     from ..results import Status, in_units
     from ..tables import Table
 
@@ -175,11 +175,21 @@ def report(solution: Solution, console: Console, given_pressure: bool = True) ->
     if int(solution.status) == Status.BEYOND_LIMIT:
         table.add_row("limit pressure", in_units(kept(pressure_at_limit, to_limit(scene)), "pressure"))
     console.print(table)
-    for name, margin in solution.margins.items():
-        # Of the cell law the table of both drives says it, with the dimension.
+    for sentence in ranges_left(solution.margins):
+        console.print(sentence, soft_wrap=True, markup=False)
+
+
+def ranges_left(margins: Mapping[str, Any]) -> list[str]:
+    """A sentence for every range that is left by margins (m) of a state, or of parts at rest; but for that of the cell
+    law, which `pneunet.drives.remarks` tells with the dimension."""
+    from ..reasons import BROKEN, Reason
+
+    said = []
+    for name, margin in margins.items():
         if name != "cell_law_range" and not Reason[name.upper()].forbids and float(margin) < -BROKEN:
             sentence = Reason[name.upper()].text(float(margin))
-            console.print(f"{sentence[0].upper()}{sentence[1:]}.", soft_wrap=True, markup=False)
+            said.append(f"{sentence[0].upper()}{sentence[1:]}.")
+    return said
 
 
 def report_drives(solution: Solution, beside: Solution, console: Console) -> None:

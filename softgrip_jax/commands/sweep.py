@@ -375,8 +375,8 @@ def _spread_over(where: Where) -> Any:
 
 
 def tell(data: xr.Dataset, console: Console, beyond: Sequence[str] = ()) -> dict[str, Any]:
-    """How many designs have an answer, why others have none, how far every quantity spreads over them, and what
-    `beyond_ranges` says."""
+    """How many designs have an answer, and how many of these are beyond a range of their state; why others have none;
+    how far every quantity spreads over them, and what `beyond_ranges` says."""
     reasons = reason_counts(data)
     for name, counts in data.attrs[BEGUN]["statuses"].items():
         label = data[name].attrs["long_name"].removeprefix("status at ")
@@ -393,7 +393,7 @@ def tell(data: xr.Dataset, console: Console, beyond: Sequence[str] = ()) -> dict
 
 def beyond_ranges(study: Study) -> list[str]:
     """A sentence for every range of a law, or of what can be moulded, that parts of designs are beyond: such a design
-    has its answer all the same. Of LOOKED_AT designs, spread over the study."""
+    has its answer all the same. Of LOOKED_AT designs, spread over the study; ranges of states are among the reasons."""
     designs, scenes = _some(study, LOOKED_AT), study.leaves.scenes
     found_of: dict[Any, str] = {}
     for name, scene in scenes.items():

@@ -3,8 +3,9 @@
 A grid has one dimension per varied number; other sets have the one dimension "design", along which the varied numbers
 are coordinates. Every quantity is a variable with its unit; every state has a variable "status_..." of small integers,
 whose attributes name them (CF conventions: flag_values, flag_meanings), and in the same way a variable "reason_...",
-why there is no answer (`Reason`). A limit that a design has not is inf. Where gradients were asked for, every quantity
-has its derivatives, "slope_of_...", with the further dimension "by".
+why there is no answer (`Reason`), or which range a state is beyond that is OK: `ONE_TURN`, for instance. A limit that a
+design has not is inf. Where gradients were asked for, every quantity has its derivatives, "slope_of_...", with the
+further dimension "by".
 """
 
 from __future__ import annotations

@@ -19,7 +19,18 @@ from ..equations import CurveEquations
 from ..errors import InputError
 from ..numerics.xla import traced_once
 from ..parameters import Named, Parameter, Parameters, Scenes
-from ..quantities import LIMIT_MARGIN, NO_LIMIT_MARGIN, Quantity, QuantitySet
+from ..quantities import (
+    AT_REST,
+    LIMIT_MARGIN,
+    MARGINS,
+    NO_LIMIT_MARGIN,
+    Quantity,
+    QuantitySet,
+    all_rules,
+    rules_at_rest,
+)
+from ..reasons import BROKEN, Reason
+from ..results import Status
 from ..scene import Scene
 from .blocks import Blocks
 from .dataset import columns, labelled
@@ -81,6 +92,21 @@ class Study:
         if not quantities:
             raise InputError("There is no observable; say what to compute of every design.")
         self.asked, self.designs, self.gradients = QuantitySet(scenes, quantities), designs, gradients
+        ranges = {name: _ranges_of_state(scene) for name, scene in scenes.items()}
+        margins = [
+            Quantity(MARGINS + rule, at, name)
+            for name, at in self.asked.states
+            if at not in (None, AT_REST)
+            for rule in ranges[name]
+        ]
+        self.known = QuantitySet(scenes, [*self.asked.quantities, *margins]) if margins else self.asked
+        """What is asked, and then the margins of ranges that the same states may be beyond: they cost no solve."""
+        self.ranges = [
+            (self.known.index(margin), self.asked.states.index(margin.state), int(Reason[rule.upper()]))
+            for margin in margins
+            if (rule := margin.rule)
+        ]
+        """(place of the margin, of its state, number of its reason) of each."""
         if designs.columns != self.leaves.size:
             raise InputError(f"The designs have {designs.columns} columns for {self.leaves.size} varied numbers.")
         self.in_turn = any(scene.prepared().solver().in_turn() for scene in scenes.values())
@@ -100,15 +126,24 @@ class Study:
             )
 
     def measure(self, x: Float[Array, " n"]) -> dict[str, Array]:
-        """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable)."""
+        """One design at SI values x: values, statuses, reasons and, where asked for, slopes (quantity by variable).
+
+        The reason of a state that is OK, and beyond a range of its own, is that range.
+        """
 
         is_margin = np.array([q.observable == LIMIT_MARGIN for q in self.asked.quantities])
 
         def values(x):
-            found = self.asked.measure(self.leaves.scenes_at(x))
-            statuses, reasons = found.statuses.astype(jnp.int8), found.reasons.astype(jnp.int16)
-            seen = jnp.where(is_margin & (found.values == NO_LIMIT_MARGIN), jnp.inf, found.values)
-            return found.values, {"values": seen, "statuses": statuses, "reasons": reasons}
+            found = self.known.measure(self.leaves.scenes_at(x))
+            whys = list(found.reasons)
+            for margin, state, reason in self.ranges:
+                # A margin of a state that is not there is NaN, and below nothing.
+                beyond = (found.statuses[state] == Status.OK) & (found.values[margin] < -BROKEN)
+                whys[state] = jnp.where(beyond, reason, whys[state])
+            statuses, reasons = found.statuses.astype(jnp.int8), jnp.stack(whys).astype(jnp.int16)
+            own = found.values[: len(is_margin)]
+            seen = jnp.where(is_margin & (own == NO_LIMIT_MARGIN), jnp.inf, own)
+            return own, {"values": seen, "statuses": statuses, "reasons": reasons}
 
         if not self.gradients:
             return values(x)[1]
@@ -172,6 +207,12 @@ class Study:
 
 def _power_of_two(count: int) -> int:
     return 1 << (count - 1).bit_length()
+
+
+def _ranges_of_state(scene: Scene) -> list[str]:
+    """The rules that forbid nothing and belong to a state: the parts at rest are looked at apart."""
+    at_rest = rules_at_rest(scene)
+    return [rule for rule in all_rules(scene) if rule not in at_rest and not Reason[rule.upper()].forbids]
 
 
 def _is_quick(scenes: Scenes) -> bool:

@@ -11,7 +11,7 @@ import softgrip_jax as sg
 from softgrip_jax import config, thesis
 from softgrip_jax.cli import MISTAKE, NO_ANSWER, STOPPED, run
 from softgrip_jax.commands import path as paths
-from softgrip_jax.commands.export import expectations
+from softgrip_jax.commands.expected import expectations
 from softgrip_jax.units import kPa, mm
 
 CYLINDER = str(ROOT / "configs" / "shell_cylinder.toml")
@@ -180,7 +180,7 @@ def test_an_impossible_scene_is_not_one_without_a_limit(tmp_path, capsys):
     said = " ".join(capsys.readouterr().err.split())
     assert "has no curve up to a limit pressure: two walls of a chamber are 1.8 mm too thick" in said
     assert "--to-kPa" not in said
-    assert dict(expectations(config.load(file)))["limit pressure"].startswith("unknown: two walls of a chamber")
+    assert dict(expectations(config.load(file)).rows)["limit pressure"].startswith("unknown: two walls of a chamber")
 
 
 @pytest.mark.parametrize("limit", [41720.2940657, 22246.73965, 0.123456789, 9.99999999996e4])

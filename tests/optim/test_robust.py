@@ -26,7 +26,7 @@ from optim.robust.expansion import expanded, star
 from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
 from optim.robust.report import asked_share
-from optim.robust.run import Robust, Scattered, _first, is_feasible
+from optim.robust.run import Robust, Scattered, _first, is_feasible, robust_search
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
 from optim.space import Space, Variable
@@ -436,6 +436,21 @@ def test_stopped_while_tolerances_are_compared_the_robust_design_is_kept(tmp_pat
     assert result["stopped"]
     assert result["robust"]["yield_promised"] == pytest.approx(whole["robust"]["yield_promised"], abs=1e-6)
     assert result["best"]["variables"] == pytest.approx(whole["best"]["variables"], rel=1e-6)
+
+
+def test_without_a_budget_no_tolerances_are_compared_nor_said_to_be(monkeypatch):
+    """`budget = false`, as searches from Python have it."""
+    told = []
+    monkeypatch.setattr("optim.robust.run.silent", lambda *words: told.append(words[0]))
+    space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    height = Quantity("inflation", 15 * kPa, "free")
+    problem = Problem(space, [Goal("maximise", height)], [Limits(height, high=13 * mm)])
+    options = {"starts": 2, "steps": 5, "finishes": 1, "fresh": 100}
+    _, robust = robust_search(problem, Scatters([Scatter("shell.t_m", 0.05)]), promised=0.9, **options)
+    assert "improving the design for all parts" in told
+    assert "comparing tolerances" not in told
+    assert robust.budget is None
+    assert "tolerances" not in robust.seconds
 
 
 def test_a_promise_that_is_not_kept_is_no_answer(tmp_path, monkeypatch):

@@ -89,7 +89,25 @@ def test_the_descent_alone_comes_near():
     assert said.startswith("16 designs descended at once: ")
     assert "finish" not in said
     finished = dataclasses.replace(found, descended=0.999 * found.best.objective)
-    assert _batch(finished).endswith(" The finish improved the best of them by 0.001 of its objective.")
+    assert _batch(finished).endswith(" The finish improved the objective of the best of them by 0.1%.")
+
+
+def test_a_large_gain_of_the_finish_is_told_by_both_values():
+    """A fall from 4.77e-4 to 6.67e-7 was "7e+02 of its objective"; a goal that is maximised grows."""
+    found = search(rosen_suzuki(), starts=1, steps=1, finishes=0)
+
+    def said(before, after, kind):
+        goals = [Goal(kind, found.problem.goals[0].quantity, target=1.0 if kind == "reach" else None)]
+        best = dataclasses.replace(found.best, objective=after, feasible=True)
+        problem = Problem(found.problem.space, goals)
+        changed = dataclasses.replace(found, problem=problem, designs=[best, *found.designs[1:]], descended=before)
+        return _batch(changed).partition("The finish ")[2]
+
+    assert said(4.77e-4, 6.67e-7, "reach") == "improved the objective of the best of them from 0.00048 to 6.7e-07."
+    assert said(-1.0, -1.5, "maximise") == "improved the objective of the best of them from 1 to 1.5."
+    assert said(-1.0, -1.0 - 2e-7, "maximise") == "improved the objective of the best of them by 2e-05%."
+    assert said(0.0, -0.2, "minimise") == "improved the objective of the best of them from 0 to -0.2."
+    assert said(-1.0, -1.0, "maximise") == ""
 
 
 def test_any_transformation_of_optax_will_do():

@@ -199,6 +199,49 @@ def test_designs_without_a_state_are_compared_at_a_lower_pressure():
     assert f"{quantity.at / kPa:g} kPa, drive cell" in beside.rows(Problem(space, [Goal("maximise", force)]))[1][0]
 
 
+@pytest.mark.slow
+def test_a_curve_that_is_followed_is_told_by_the_other_drive_too(tmp_path):
+    """A search for a shape said nothing of the other law, by which its best finger may have no state there."""
+    points = [[0, 0], [24, -6], [38, -26]]
+    text = f"""
+[scene]
+type = "pneunet.Free"
+weight_N_per_m = [0, 0]
+[scene.finger]
+preset = "table_5_1_A"
+[design]
+starts = 1
+steps = 1
+finishes = 1
+[[design.variables]]
+name = "finger.t_m_mm"
+low = 1.0
+high = 1.4
+[[design.goals]]
+follow = {points}
+at = {{{{ pressure_kPa = {{}} }}}}
+"""
+    said, told = {}, {}
+    for pressure in (20, 45):
+        path = tmp_path / f"at_{pressure}.toml"
+        path.write_text(text.format(pressure))
+        assert run(["design", str(path), "--out", str(tmp_path / str(pressure))]) == 0
+        said[pressure] = (tmp_path / str(pressure) / "summary.txt").read_text()
+        row = next(line for line in said[pressure].splitlines() if "(rms), drive cell" in line)
+        told[pressure] = [cell.strip() for cell in row.split("│")[2:-1]]
+    # Points of the curve are evenly spaced, and so are those of the shape.
+    best = with_other_drive(configs.load(tmp_path / "20" / "best.toml").scene)
+    shape = sg.solve(best, 20 * kPa).shape(3)
+    far = np.hypot(*(np.array([shape[axis][1:] for axis in "xy"]) / mm - np.array(points[1:]).T))
+    assert float(told[20][1].removesuffix(" mm")) == pytest.approx(np.sqrt(np.mean(far**2)), rel=1e-4)
+    assert told[45] == ["-", "-"]
+    assert "by the other drive" not in said[20]
+    reason = sg.solve(with_other_drive(configs.load(tmp_path / "45" / "best.toml").scene), 45 * kPa).reason_text()
+    assert f"Design 1 by the other drive, 45 kPa: {reason}." in said[45]
+    for words in said.values():
+        assert remarks(best)[0] in words
+
+
 def test_two_pressures_that_come_down_to_the_same_one():
     """A finished search was lost by that: what is asked at both is asked there once."""
     space = Space({"held": held()}, [Variable("finger.H", 3 * mm, 6 * mm)])

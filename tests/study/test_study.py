@@ -878,6 +878,65 @@ def test_designs_that_no_mould_can_make_are_counted():
     )
 
 
+CURLED = """
+[scene]
+type = "pneunet.Free"
+weight_N_per_m = [0, 0]
+inclination = "none"
+[scene.finger]
+preset = "table_5_1_A"
+[sweep]
+method = "grid"
+[[sweep.variables]]
+name = "finger.H_mm"
+low = 3
+high = 5
+points = 9
+[[sweep.observables]]
+name = "tip_angle_deg"
+at = { pressure_kPa = [5, 20] }
+"""
+
+
+def test_states_beyond_one_turn_are_counted(tmp_path, capsys):
+    """As `solve` and `path` say of a state: it is OK and has its answer, and no column more is kept for that."""
+    (tmp_path / "curled.toml").write_text(CURLED)
+    assert run(["sweep", str(tmp_path / "curled.toml"), "--out", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().out.splitlines()
+    with sg.load_study(tmp_path / "out") as data:
+        data.load()
+    assert {str(name).partition("_")[0] for name in data.data_vars} == {"tip", "status", "reason"}
+    curled = data["tip_angle_at_20_kPa"].values > 2 * np.pi
+    assert 0 < curled.sum() < 9
+    assert (data["status_20_kPa"] == Status.OK).all()
+    np.testing.assert_array_equal(data["reason_20_kPa"] == sg.Reason.ONE_TURN, curled)
+    assert (data["reason_5_kPa"] == sg.Reason.NONE).all()
+    place = told.index("20 kPa: 9 OK")
+    assert told[place - 1] == "5 kPa: 9 OK"
+    assert told[place + 1] == f"  {curled.sum()} OK, ONE_TURN: {sg.Reason.ONE_TURN.text()}"
+    assert run(["summary", str(tmp_path / "out")]) == 0
+    assert f"  OK: {curled.sum()} ONE_TURN" in capsys.readouterr().out.splitlines()
+
+
+def test_a_margin_of_a_state_that_is_asked_for_stays_where_it_was():
+    finger = sg.PneuNet.table_5_1("A")
+    scene = sg.pneunet.Free(finger, weight=None, inclination="none")
+    asked = [
+        sg.Quantity("margins.one_turn", 20 * kPa),
+        sg.Quantity("limit_pressure"),
+        sg.Quantity("tip_angle", 20 * kPa),
+    ]
+    study = sg.Study(scene, ["finger.H"], asked, Grid([np.array([3.0, 5.0, 9.0]) * mm]), gradients=True)
+    data = study.run()
+    angles = data["tip_angle_at_20_kPa"].values
+    margins = data["margins.one_turn_at_20_kPa"].values
+    np.testing.assert_allclose(margins, float(finger.L) * (1 - angles / (2 * np.pi)), atol=1e-12)
+    slopes = [data[f"slope_of_{name}_at_20_kPa"].values[:, 0] for name in ("margins.one_turn", "tip_angle")]
+    np.testing.assert_allclose(slopes[0], -float(finger.L) / (2 * np.pi) * slopes[1], rtol=1e-9)
+    assert data["reason_20_kPa"].values.tolist() == [sg.Reason.ONE_TURN, sg.Reason.NONE, sg.Reason.NONE]
+    assert (data["reason_limit"] == sg.Reason.NONE).all()
+
+
 def test_a_folder_of_something_else_is_left_alone(config, tmp_path, capsys):
     out = small(config, tmp_path)
     out.mkdir()
