@@ -279,6 +279,7 @@ def _other(rival: Rival, vector: Any) -> dict[str, Any]:
         "drives": list(rival.drives),
         "log_likelihoods": plain(rival.likelihoods),
         "better": rival.better,
+        "explained": rival.explained,
         "parameters": vector(other.x),
         "rmse": {curve.name: plain([other.rmse(k)])[0] for k, curve in enumerate(other.fitting.curves)},
     }
