@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +34,35 @@ UNITS: dict[str, dict[str, float]] = {
     "force_per_length": {"N/m": 1.0},
 }
 """Kind of quantity -> the units that a column may be in, and their value in SI."""
+
+SAME = {"°": "deg", "degree": "deg", "degrees": "deg", "µm": "um", "μm": "um", "psig": "psi", "barg": "bar", "-": "1"}
+"""Other ways to write some of these units; pressures are those above the air's."""
+
+CASED = ("mpa", "mn", "mnm", "mnmm", "mn/m")
+"""Units that m or M alone tells apart (millipascal and megapascal): their first letter must stand as in the unit."""
+
+OTHERS = (
+    *(
+        "hPa",
+        "GPa",
+        "mPa",
+        "atm",
+        "torr",
+        "mmHg",
+        "inHg",
+        "cmHg",
+        "inH2O",
+        "cmH2O",
+        "mmH2O",
+        "psf",
+        "ksi",
+        "psia",
+        "bara",
+    ),
+    *("lbf", "lbs", "lb", "ozf", "oz", "kgf", "gf", "kp", "dyn", "MN", "inch", "inches", "ft", "mil", "nm", "km", "dm"),
+    *("Nm", "Nmm", "lbfin", "ftlb", "grad", "gon", "mrad", "mg", "mm2", "cm2", "m2"),
+)
+"""Units that a heading may end with without brackets, and that no column may be in."""
 
 MISSING = ("", "-", "na", "n/a", "nan", "null")
 """What stands for no value, in any case of letters."""
@@ -193,6 +224,58 @@ def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list
     found = " ".join(lines[0][1].split())[:60]
     wanted = " and ".join(map(repr, names))
     raise ConfigError(f"{path}: there is no header line with the columns {wanted}; the first line is {found!r}.")
+
+
+class Heading(NamedTuple):
+    """What the name of a column says of its unit."""
+
+    unit: str | None
+    """One of `UNITS`; None where there is none that is known."""
+    unknown: str = ""
+    """The unit that stands there and is not known."""
+
+
+def heading_of(name: str, kind: str) -> Heading:
+    """The unit in the name of a column, "Pressure (PSI)" or "p_kPa", for its kind of quantity.
+
+    Case does not matter where only one unit can be meant. What stands in brackets is a unit; without brackets the last
+    words are one if they are a unit of any kind.
+    """
+    bracketed = [(first or second).strip() for first, second in BRACKETS.findall(name)]
+    bare = BRACKETS.sub(" ", name)
+    words = [word for word in re.split(r"[\s_,;:()\[\]-]+", bare) if word]
+    endings = [" ".join(words[-count:]) for count in (3, 2, 1) if count < len(words)]
+    endings += [bare.strip()] * (bare.strip() in UNITS.get(kind, {}))
+    parts = [part for part in re.split(r"[\W_]+", bare) if part]
+    endings += parts[-1:] if len(parts) > 1 else []
+    for text in [*reversed(bracketed), *endings]:
+        if (found := _unit_named(text, kind)) is not None:
+            return Heading(found)
+    if bracketed and bracketed[-1]:
+        return Heading(None, bracketed[-1])
+    others = {one.casefold() for one in OTHERS} | ({"in"} if kind == "length" else set())
+    for text in endings:
+        is_other = text not in ("1", "m") and any(_unit_named(text, other) for other in UNITS)
+        if is_other or text.casefold() in others:
+            return Heading(None, text)
+    return Heading(None)
+
+
+BRACKETS = re.compile(r"\(([^()]*)\)|\[([^\[\]]*)\]")
+
+
+def _unit_named(text: str, kind: str) -> str | None:
+    """The unit of this kind that a text is, however its letters and dots are set; None where it is none of them."""
+
+    def plain(unit: str) -> str:
+        return re.sub(r"[\s^*·.]", "", unit.replace("²", "2").replace(" per ", "/"))
+
+    text = plain(SAME.get(text.strip().casefold(), text))
+    known = {plain(unit): unit for unit in UNITS.get(kind, {})}
+    alike = [unit for bare, unit in known.items() if bare.casefold() == text.casefold()]
+    if text in known or not alike:
+        return known.get(text)
+    return None if len(alike) > 1 or (text.casefold() in CASED and text[0] != alike[0][0]) else alike[0]
 
 
 LARGEST = 1e30

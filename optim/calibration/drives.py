@@ -23,6 +23,13 @@ from .model import LEAST_NOISE, Fitting
 TOLD_APART = 3.0
 """Difference of the logarithms of the likelihoods from which one law is called the better: 20 times as likely."""
 
+FOLLOWED = 0.15
+"""No law explains a curve that it misses by more than this part of the curve's range (RMS): a wrong unit or column does
+as badly."""
+
+NOISY = 2.0
+"""Errors up to so many times a stated noise are the noise, however large a part of the range that is."""
+
 
 class Rival(NamedTuple):
     """A fit, and that of the same curves by the other drive of the fingers."""
@@ -40,23 +47,62 @@ class Rival(NamedTuple):
             return None
         return self.drives[int(other > one)]
 
+    def misses(self, drive: str) -> dict[str, float]:
+        """By a drive, of every fitted curve: the RMS error as a part of its range; 0 where that is the stated noise."""
+        fit, found = self.fits[self.drives.index(drive)], {}
+        for k, curve in enumerate(fit.fitting.curves):
+            if curve.fit:
+                error = fit.rmse(k)
+                is_noise = curve.noise is not None and error <= NOISY * curve.noise
+                found[curve.name] = 0.0 if is_noise else error / (float(np.ptp(curve.y)) or curve.size)
+        return found
+
+    @property
+    def nearer(self) -> str:
+        """The better drive, or where there is none the one with the smaller errors."""
+        if self.better is not None:
+            return self.better
+        worst = [np.nan_to_num(list(self.misses(drive).values()), nan=np.inf).max() for drive in self.drives]
+        return self.drives[int(np.argmin(worst))]
+
+    @property
+    def explained(self) -> bool:
+        """Whether the curves are followed by the nearer drive at all."""
+        return all(share <= FOLLOWED for share in self.misses(self.nearer).values())
+
     def sentence(self) -> str:
         """Which law follows the curves, and what that rests on."""
         one, other = (fit.fitting.space for fit in self.fits)
         held = [
-            f"by {drive!r} {', '.join(space.names[j] for j in np.flatnonzero(fit.on_bound))} ends on a bound"
+            f"by {drive!r} {' and '.join(space.names[j] for j in np.flatnonzero(fit.on_bound))} "
+            f"{'ends' if np.sum(fit.on_bound) == 1 else 'end'} on a bound"
             for fit, drive, space in zip(self.fits, self.drives, (one, other), strict=True)
             if fit.on_bound.any()
         ]
         rests = f" ({'; '.join(held)})" if held else ""
+        if not self.explained:
+            missed = [
+                f"the RMS error is {100 * share:.0f} % of the range of {name!r}"
+                if np.isfinite(share)
+                else f"{name!r} has no state"
+                for name, share in self.misses(self.nearer).items()
+                if share
+            ]
+            return (
+                f"Neither the drive {self.drives[0]!r} nor {self.drives[1]!r} explains the curves: by {self.nearer!r}, "
+                f"the nearer one, {' and '.join(missed)}{rests}; are the units and the columns right?"
+            )
         if self.better is None:
             return f"The curves do not tell the drives {self.drives[0]!r} and {self.drives[1]!r} apart{rests}."
         gain = abs(self.likelihoods[0] - self.likelihoods[1])
-        worse = self.drives[1 - self.drives.index(self.better)]
+        place = self.drives.index(self.better)
+        worse = self.drives[1 - place]
+        verb = "comes nearer to" if self.fits[place].on_bound.any() else "explains"
         if not np.isfinite(gain):
-            return f"The drive {self.better!r} explains the curves; by {worse!r} some points have no state{rests}."
+            return f"The drive {self.better!r} {verb} the curves; by {worse!r} some points have no state{rests}."
+        than = f"than {worse!r}" if verb != "explains" else f"better than {worse!r}"
         return (
-            f"The drive {self.better!r} explains the curves better than {worse!r}: the logarithm of the likelihood is "
+            f"The drive {self.better!r} {verb} the curves {than}: the logarithm of the likelihood is "
             f"{gain:.3g} larger{rests}."
         )
 

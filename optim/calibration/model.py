@@ -309,11 +309,11 @@ class Fitting:
         sigma = member.sigma[of_curve]
         weight = member.weight * predicted.response.ok
         jacobian = predicted.slopes * jnp.asarray(scales)[None, :] * (jnp.sqrt(weight) / sigma)[:, None]
-        covariance = _inverse_square(jacobian)
+        covariance = inverse_square(jacobian)
         r = jnp.where(weight > 0, (predicted.response.values - member.y) / sigma, 0.0)
-        leverage = _leverage(jacobian * member.free[None, :])  # a parameter that is held fits nothing
+        taken = leverage(jacobian * member.free[None, :])  # a parameter that is held fits nothing
         curves = jnp.arange(count)[:, None] == of_curve[None, :]
-        freedom, points = curves @ (weight - leverage), curves @ weight
+        freedom, points = curves @ (weight - taken), curves @ weight
         if self.loss == "linear":
             square = curves @ (weight * r**2) / jnp.where(freedom > 0, freedom, 1.0)
         else:
@@ -323,9 +323,10 @@ class Fitting:
         least = (LEAST_NOISE * self.sizes) ** 2
         estimated = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
         estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), member.sigma, estimated)
-        return Statistics(estimated, covariance * self._robust_factor(r, weight))
+        return Statistics(estimated, covariance * self.robust_factor(r, weight))
 
-    def _robust_factor(self, r: Array, weight: Array) -> Array:
+    def robust_factor(self, r: Array, weight: Array) -> Array:
+        """What a robust loss makes of the covariance; 1 of least squares."""
         if self.loss == "linear":
             return jnp.asarray(1.0)
         influence = jax.grad(lambda r: 0.5 * LOSSES[self.loss](r) ** 2)
@@ -344,7 +345,7 @@ NORMAL_MAD = 1.4826
 """Standard deviation over median absolute deviation, normal noise."""
 
 
-def _inverse_square(jacobian: Array) -> Array:
+def inverse_square(jacobian: Array) -> Array:
     """(J^T J)^-1; huge, not infinite, in a direction that nothing determines."""
     _, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
     least = jnp.finfo(s.dtype).eps * jnp.max(s)
@@ -356,7 +357,7 @@ DETERMINED = 1e-9
 """Singular values below this part of the largest are rounding of the derivatives: nothing is fitted along them."""
 
 
-def _leverage(jacobian: Array) -> Array:
+def leverage(jacobian: Array) -> Array:
     """diag J (J^T J)^+ J^T, whose sum is the number of directions that the points determine."""
     u, s, _ = jnp.linalg.svd(jacobian, full_matrices=False)
     return jnp.sum(jnp.where(s > DETERMINED * jnp.max(s), u, 0.0) ** 2, axis=1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
@@ -16,7 +17,7 @@ from softgrip_jax.spread import Spread
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
-from .cross_validation import Specimens, by_specimen, held_out
+from .cross_validation import UNLIKELY, Specimens, by_specimen, held_out
 from .data import Curve
 from .drives import Rival, by_other_drive
 from .fit import Fit, implausible
@@ -38,13 +39,11 @@ independent ones, eight exceed it in one case of thirty."""
 AT_THE_END = 0.998
 """A point at more than this part of the limit pressure holds the fit: the slopes there are those of the end."""
 
-WIDER = 2.0
-"""The interval over specimens is quoted when it is this many times wider than that of the fit."""
-
 STOPPED = "Stopped after the fit: the checks that are not reported here were not done."
 
-UNLIKELY = 0.01
-"""A sum of squares as large as this or less likely by the stated noise is not explained by it."""
+ROUNDING = 1e-5
+"""Errors below this part of the largest value of a curve are rounding of its numbers or of the solver: no measurement
+is as good, and whether they go together says nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,7 +238,8 @@ def misfit(fit: Fit) -> list[str]:
                     f"{curve.name}: the errors are {np.sqrt(mean):.2g} times the stated noise, so the model does not "
                     "follow the curve to within it; the intervals, which take the model as right, are too narrow."
                 )
-        if count >= SYSTEMATIC_POINTS and autocorrelation(fit, k) > SYSTEMATIC:
+        is_rounding = fit.rmse(k) < ROUNDING * curve.size
+        if count >= SYSTEMATIC_POINTS and not is_rounding and autocorrelation(fit, k) > SYSTEMATIC:
             said.append(
                 f"{curve.name}: the errors of neighbouring points go together (correlation "
                 f"{autocorrelation(fit, k):.2f}): they are the model's rather than noise, and the intervals, which "
@@ -259,25 +259,81 @@ def _correlated(fit: Fit, directions: Sequence[Direction]) -> list[str]:
     ]
 
 
-def is_to_quote(fit: Fit, specimens: Specimens, j: int) -> bool:
-    """Whether the interval of a parameter over the specimens is much wider than the one that the noise gives."""
-    return bool(specimens.high[j] - specimens.low[j] > WIDER * (fit.high[j] - fit.low[j]))
+class OverSpecimens(NamedTuple):
+    """What the specimens' own values of one parameter say."""
+
+    values: str
+    """Each with the name of its specimen."""
+    differ: bool
+    """By more than the noise explains."""
+    test: str
+    low: float
+    """95 % interval of their mean, SI, cut at the bounds of the parameter, beyond which it cannot be."""
+    high: float
+    ends: str
+    cut: int
+    """Ends that are bounds: both where so few specimens tell nothing of their mean."""
+
+    @property
+    def is_to_quote(self) -> bool:
+        """Whether the interval of the mean is the one to quote."""
+        return self.differ and self.cut < 2
+
+
+def over_specimens(fit: Fit, specimens: Specimens, j: int) -> OverSpecimens | None:
+    """Of parameter j; None where no curve of a specimen depends on it."""
+    space, values = fit.fitting.space, specimens.x[:, j]
+    if np.ptp(values) <= 1e-6 * abs(fit.x[j]):
+        return None
+    kind, chance = space.kinds[j], float(specimens.chance[j])
+    words = ", ".join(f"{one} {in_units(x, kind)}" for one, x in zip(specimens.names, values, strict=True))
+    low, high = max(specimens.low[j], space.low[j]), min(specimens.high[j], space.high[j])
+    is_cut = bool(specimens.low[j] < space.low[j]), bool(specimens.high[j] > space.high[j])
+    ends = [in_units(end, kind) + " (its bound)" * cut for end, cut in zip((low, high), is_cut, strict=True)]
+    return OverSpecimens(
+        words,
+        bool(specimens.differ[j]),
+        f"Cochran's test, p {_probability(chance)}",
+        float(low),
+        float(high),
+        " to ".join(ends),
+        sum(is_cut),
+    )
+
+
+SMALLEST = 1e-6
+"""Smaller probabilities are not told apart."""
+
+
+def _probability(p: float) -> str:
+    return f"= {p:.2g}" if p >= SMALLEST else f"< {SMALLEST:g}"
 
 
 def spread_of_specimens(fit: Fit, specimens: Specimens | None) -> list[str]:
-    """A sentence about each parameter: its values by specimen, and the interval of their mean."""
+    """A sentence about each parameter: its values by specimen, whether they differ, and which interval is to quote."""
     if specimens is None:
         return []
-    said, space = [], fit.fitting.space
-    for j, (name, kind) in enumerate(zip(space.names, space.kinds, strict=True)):
-        if np.ptp(specimens.x[:, j]) <= 1e-6 * abs(fit.x[j]):
-            continue  # no curve of a specimen depends on it
-        values = ", ".join(
-            f"{one} {in_units(x, kind)}" for one, x in zip(specimens.names, specimens.x[:, j], strict=True)
+    said = []
+    for j, name in enumerate(fit.fitting.space.names):
+        found = over_specimens(fit, specimens, j)
+        if found is None:
+            continue
+        if not found.differ:
+            verdict = f"they agree within the noise ({found.test})"
+            verdict += ", taken alone" if specimens.differ_together else ", and the fit to all of them stands"
+        else:
+            verdict = f"they differ by more than the noise explains ({found.test}), "
+            verdict += (
+                f"so that the 95 % interval of their mean is the one to quote: {found.ends}"
+                if found.is_to_quote
+                else f"and the 95 % interval of their mean has no end within the bounds: {len(specimens.names)} "
+                "specimens are too few to tell it"
+            )
+        said.append(f"{name} by specimen: {found.values}; {verdict}.")
+    if said and specimens.differ_together:
+        said.append(
+            "The specimens differ by more than the noise explains (all parameters together, p "
+            f"{_probability(specimens.chance_together)}), though no parameter alone does: the intervals of the fit, "
+            "which know of noise alone, are too narrow."
         )
-        low, high = in_units(specimens.low[j], kind), in_units(specimens.high[j], kind)
-        sentence = f"{name} by specimen: {values}; 95 % interval of their mean {low} to {high}"
-        if is_to_quote(fit, specimens, j):
-            sentence += ", which is the one to quote: the specimens differ by more than the noise explains"
-        said.append(f"{sentence}.")
     return said

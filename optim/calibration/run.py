@@ -48,7 +48,17 @@ from .drives import Rival
 from .fit import Fit, calibrate
 from .points import points_of
 from .provenance import material_text, provenance
-from .report import STOPPED, Findings, autocorrelation, examine, is_determined, is_to_quote, report, with_rival
+from .report import (
+    STOPPED,
+    Findings,
+    OverSpecimens,
+    autocorrelation,
+    examine,
+    is_determined,
+    over_specimens,
+    report,
+    with_rival,
+)
 
 OWN_FILES = ("points.csv", "result.json", "summary.txt")
 """Files of the run whose names a measured file may have."""
@@ -171,12 +181,22 @@ def _lines(findings: Findings) -> list[str]:
         for one in findings.intervals:
             ends = f"{one.low[j] / unit:.6g} to {one.high[j] / unit:.6g}"
             text += f", 95 % {ends} ({one.method})" if is_determined(fit, j) else ", not determined by the data"
-        specimens = findings.specimens
-        if specimens is not None and is_to_quote(fit, specimens, j):
-            ends = f"{specimens.low[j] / unit:.6g} to {specimens.high[j] / unit:.6g}"
-            text += f"; the specimens differ by more than the noise explains: quote 95 % {ends} (mean of the specimens)"
+        over = None if findings.specimens is None else over_specimens(fit, findings.specimens, j)
+        if over is not None:
+            text += f"; {_of_specimens(over, unit)} ({over.test})"
+            if findings.specimens is not None and findings.specimens.differ_together:
+                text += ", but differ in all parameters together: the interval is too narrow"
         lines.append(text)
     return lines
+
+
+def _of_specimens(over: OverSpecimens, unit: float) -> str:
+    if not over.differ:
+        return "the specimens agree within the noise"
+    said = "the specimens differ by more than the noise explains"
+    if not over.is_to_quote:
+        return f"{said}, and are too few for an interval of their mean"
+    return f"{said}: quote 95 % {over.low / unit:.6g} to {over.high / unit:.6g} (mean of the specimens)"
 
 
 def write_points(path: Path, fit: Fit) -> None:
@@ -224,6 +244,7 @@ def _summary(findings: Findings) -> dict[str, Any]:
             "autocorrelation": autocorrelation(fit, k),
         }
     specimens, rival = findings.specimens, findings.rival
+    over = [None if specimens is None else over_specimens(fit, specimens, j) for j in range(space.size)]
     return {
         "units": "SI",
         "parameters": vector(fit.x),
@@ -236,9 +257,11 @@ def _summary(findings: Findings) -> dict[str, Any]:
         "interval_over_specimens": None
         if specimens is None
         else {
-            "low": vector(specimens.low),
-            "high": vector(specimens.high),
-            "to_quote": [name for j, name in enumerate(space.names) if is_to_quote(fit, specimens, j)],
+            "low": vector(np.maximum(specimens.low, space.low)),
+            "high": vector(np.minimum(specimens.high, space.high)),
+            "differ_by_chance": vector(specimens.chance),
+            "differ_by_chance_together": specimens.chance_together,
+            "to_quote": [name for name, one in zip(space.names, over, strict=True) if one and one.is_to_quote],
         },
         "not_told_apart": [list(d.names) for d in findings.directions],
         "remarks": list(findings.remarks),
@@ -256,6 +279,7 @@ def _other(rival: Rival, vector: Any) -> dict[str, Any]:
         "drives": list(rival.drives),
         "log_likelihoods": plain(rival.likelihoods),
         "better": rival.better,
+        "explained": rival.explained,
         "parameters": vector(other.x),
         "rmse": {curve.name: plain([other.rmse(k)])[0] for k, curve in enumerate(other.fitting.curves)},
     }

@@ -28,7 +28,7 @@ from softgrip_jax.progress import Tell
 from softgrip_jax.results import in_units
 from softgrip_jax.units import kPa, number_of
 
-from ..calibration.data import MISSING, UNITS, Column, Curve, check_pressures, columns_of, decoded
+from ..calibration.data import MISSING, UNITS, Column, Curve, check_pressures, columns_of, decoded, heading_of
 from ..calibration.fit import calibrate
 from ..calibration.intervals import METHODS
 from ..calibration.model import Fitting
@@ -44,6 +44,8 @@ HEAD_LINES = 200
 REPEATS = 200
 """Fits of a bootstrap: quick enough to wait for; the command does 1000."""
 GREY = "#8A8A8A"
+UNSAID = "?"
+"""The unit of a column whose heading has one that is not known, until somebody chooses one."""
 
 
 class CalibrateTab:
@@ -78,8 +80,8 @@ class CalibrateTab:
         self.table = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.file.param.watch(lambda event: self._dropped(event.new), "value")
         self.observable.param.watch(lambda event: self._observable_set(), "value")
-        self.x_column.param.watch(lambda event: self._guess(self.x_column, self.x_unit), "value")
-        self.y_column.param.watch(lambda event: self._guess(self.y_column, self.y_unit), "value")
+        self.x_column.param.watch(lambda event: self._column_set(0), "value")
+        self.y_column.param.watch(lambda event: self._column_set(1), "value")
         self.run_button.on_click(lambda event: self.run())
         self.stop_button.on_click(lambda event: self.stop())
         self.use_button.on_click(lambda event: self.use())
@@ -127,9 +129,10 @@ class CalibrateTab:
         y = y or next(c for c in header if c != x)
         self.x_column.param.update(options=header, value=x)
         self.y_column.param.update(options=header, value=y)
-        self._guess(self.x_column, self.x_unit)
-        self._guess(self.y_column, self.y_unit)
-        self.line.say(f"{name}: the columns are {', '.join(header)}.")
+        self._guess(0)
+        self._guess(1)
+        said, is_wrong = self._units_said()
+        self.line.say(f"{name}: the columns are {', '.join(header)}. {said}", is_wrong)
 
     def curve(self) -> Curve:
         """The measured curve that the menus name; InputError for what cannot be meant."""
@@ -140,6 +143,8 @@ class CalibrateTab:
         name, component, kind = self.session.observables[self.observable.value]
         if kind not in UNITS:
             raise InputError(f"{self.observable.value} is not measured by any file; choose another observable.")
+        if UNSAID in (self.x_unit.value, self.y_unit.value):
+            raise InputError(self._units_said()[0])
         path = Path(self.name)
         columns = [
             Column(self.x_column.value, "pressure", self.x_unit.value),
@@ -187,21 +192,51 @@ class CalibrateTab:
             name, content = list(files.items())[-1]
             self.upload(Path(name).name, content)
 
+    def _kind(self) -> str:
+        return self.session.observables[self.observable.value][2]
+
     def _units(self) -> list[str]:
-        kind = self.session.observables[self.observable.value][2]
-        return list(UNITS.get(kind, {}))
+        return list(UNITS.get(self._kind(), {}))
 
     def _observable_set(self) -> None:
         units = self._units()
-        if units != list(self.y_unit.options):
+        if units != [unit for unit in self.y_unit.options if unit != UNSAID]:
             self.y_unit.param.update(options=units, value=units[0] if units else None)
-            self._guess(self.y_column, self.y_unit)
+            self._column_set(1)
 
-    def _guess(self, column: Any, unit: Any) -> None:
-        """A unit that stands at the end of a column's name."""
-        words = re.split(r"[\W_]+", str(column.value or "").rstrip(")] "))
-        if words[-1] in unit.options:
-            unit.value = words[-1]
+    def _column_set(self, which: int) -> None:
+        self._guess(which)
+        if self.text:
+            self.line.say(*self._units_said())
+
+    def _menus(self) -> list[tuple[Any, Any, str]]:
+        """Of pressure and measurement: column, unit and kind."""
+        return [(self.x_column, self.x_unit, "pressure"), (self.y_column, self.y_unit, self._kind())]
+
+    def _guess(self, which: int) -> None:
+        """The unit that stands in the name of a column; one that is not known there has to be chosen."""
+        column, unit, kind = self._menus()[which]
+        found, units = heading_of(str(column.value or ""), kind), list(UNITS.get(kind, {}))
+        if found.unknown and units:
+            unit.param.update(options=[UNSAID, *units], value=UNSAID)
+        else:
+            kept = unit.value if unit.value in units else next(iter(units), None)
+            unit.param.update(options=units, value=found.unit or kept)
+
+    def _units_said(self) -> tuple[str, bool]:
+        """(a sentence about the unit of each column, whether one has to be chosen)."""
+        said, is_wrong = [], False
+        for column, unit, kind in self._menus():
+            found = heading_of(str(column.value or ""), kind)
+            if unit.value == UNSAID:
+                is_wrong = True
+                known = ", ".join(UNITS[kind])
+                said.append(f"{column.value!r}: {found.unknown!r} is none of the units {known}; choose one of them.")
+            elif found.unit is not None or found.unknown:
+                said.append(f"{column.value!r} is read in {unit.value}.")
+            else:
+                said.append(f"{column.value!r} names no unit and is read in {unit.value}.")
+        return " ".join(said), is_wrong
 
     def _refill(self) -> None:
         known = list(self.session.observables)

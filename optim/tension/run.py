@@ -46,7 +46,7 @@ from softgrip_jax.units import kPa
 
 from ..calibration.data import Curve
 from ..calibration.provenance import material_text, provenance
-from ..calibration.report import STOPPED, misfit, spread_of_specimens
+from ..calibration.report import STOPPED, misfit, over_specimens
 from ..calibration.settings import ColumnTable, column, read_specimens
 from ..posterior.compare import Run, as_data, compared, run_of
 from ..posterior.compare import report as report_evidence
@@ -211,13 +211,33 @@ def verdicts(found: Comparison) -> list[str]:
                 "strains of the actuator."
             )
     chosen = found.chosen
-    said += [*misfit(chosen.fit), *spread_of_specimens(chosen.fit, chosen.specimens)]
+    said += [*misfit(chosen.fit), *_of_specimens(chosen)]
     if chosen is not found.judged[0]:
         said.append(f"{found.judged[0].name} fits best but softens; {chosen.name} is the best that stays stable.")
     said.append(
         f"Written is {chosen.name}, fitted up to {100 * found.window:.0f} % strain; beyond, and in stretches other "
         "than those of a strip, it is an extrapolation."
     )
+    return said
+
+
+def _of_specimens(chosen: FittedMaterial) -> list[str]:
+    """A sentence about each constant by specimen: its interval is that of all such specimens, however far they differ,
+    wherever that is the wider one."""
+    fit, specimens, said = chosen.fit, chosen.specimens, []
+    if specimens is None:
+        return said
+    for j, (name, kind) in enumerate(zip(fit.fitting.space.names, fit.fitting.space.kinds, strict=True)):
+        over = over_specimens(fit, specimens, j)
+        if over is None:
+            continue
+        low, high = in_units(specimens.low[j], kind), in_units(specimens.high[j], kind)
+        sentence = f"{name} by specimen: {over.values}; 95 % interval of their mean {low} to {high}"
+        if chosen.ends(j) == (specimens.low[j], specimens.high[j]):
+            sentence += ", which is the one to quote"
+        if over.differ:
+            sentence += f"; the specimens differ by more than the noise explains ({over.test})"
+        said.append(f"{sentence}.")
     return said
 
 

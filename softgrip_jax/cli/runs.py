@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ..commands.files import console_for, tell_folder
-from .app import NO_ANSWER, AsJson, Insecure, Scheduler, Workers, app
+from .app import NO_ANSWER, AsJson, Insecure, SceneName, Scheduler, Workers, app
 
 
 @app.command()
@@ -79,12 +79,14 @@ def summary(
 @app.command()
 def sensitivity(
     config: Annotated[Path, typer.Argument(help="A TOML file with a [scene].")],
+    scene: SceneName = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results; it must not exist yet.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Say which numbers of a design matter for what: elasticities, and what manufacturing tolerances do.
 
-    Exit code 1 where no quantity has a value.
+    Exit code 1 where no quantity has a value. Of several scenes --scene names one; without it [sensitivity] names the
+    scenes of its numbers and observables.
 
     - softgrip sensitivity configs/shell_grasp.toml
 
@@ -92,7 +94,7 @@ def sensitivity(
     """
     from ..commands.sensitivity import as_data, run_sensitivity
 
-    folder, answered = run_sensitivity(config, out, console_for(as_json))
+    folder, answered = run_sensitivity(config, out, console_for(as_json), scene)
     if as_json:
         tell_folder(as_json, folder, as_data(folder))
     if not answered:

@@ -48,7 +48,7 @@ from ..report.run import tell_and_keep, write_report
 from ..results import Status, in_units
 from ..study import sensitivity
 from ..tables import Table as PrintedTable
-from .files import plain
+from .files import one_scene, plain
 
 
 class ToleratedVariable(Table):
@@ -124,6 +124,11 @@ def _drawn(
 def _asked_by_solve(config: configs.Config) -> list[Quantity]:
     """What [solve] asks for, and after it whatever else is known of that state: the pressure comes first where it is
     what `softgrip solve` finds, and is left out where it is given."""
+    if len(config.scenes) > 1:
+        raise ConfigError(
+            f"{config.path} has several scenes; say which with --scene, one of {', '.join(config.scenes)}, or name "
+            "observables of them in [sensitivity]."
+        )
     asked = configs.question(config)
     [(name, value)] = asked.items() or [("", 0.0)]
     at: State = value if name == "pressure" else (name, value) if name else REQUIRED
@@ -131,10 +136,10 @@ def _asked_by_solve(config: configs.Config) -> list[Quantity]:
     return [Quantity(n, at) for n in names if not (n == LIMIT_MARGIN and at == 0.0)]
 
 
-def run_sensitivity(config: Path, out: Path | None, console: Console) -> tuple[Path, bool]:
+def run_sensitivity(config: Path, out: Path | None, console: Console, scene: str | None = None) -> tuple[Path, bool]:
     """Analyse what the config says, print it, and return the folder that holds it, and whether any quantity has a
-    value."""
-    read_config = configs.load(config)
+    value. scene: which of several scenes is meant; None for all of those that [sensitivity] names."""
+    read_config = configs.load(config) if scene is None else one_scene(config, scene)
     wanted = read(read_config)
     with new_folder(out, config.stem) as (folder, final):
         with located(f"{config}, [sensitivity]"), stages(console) as tell:
@@ -148,7 +153,8 @@ def run_sensitivity(config: Path, out: Path | None, console: Console) -> tuple[P
                 tell,
                 _joint(read_config, wanted),
             )
-        said = [*_unanswered(read_config.scenes, wanted.quantities, data["status"].values), *wanted.remarks]
+        chosen = [] if scene is None else [f"These are numbers of the scene {scene}."]
+        said = [*chosen, *_unanswered(read_config.scenes, wanted.quantities, data["status"].values), *wanted.remarks]
         data.attrs["remarks"] = "\n".join(said)
         (folder / "config.toml").write_bytes(configs.standalone(config))
         # HDF5 itself, on a disk that is full, would end the process.

@@ -12,12 +12,13 @@ import optim
 import softgrip_jax as sg
 from softgrip_jax import config as configs
 from softgrip_jax.explorer.session import PRESSURE, Session, answer
-from softgrip_jax.units import kPa, mm
+from softgrip_jax.units import kPa, mm, unit_key
 
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
+from optim.calibration.data import heading_of
 from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
 from optim.tabs.search import MARGIN, NOTHING, SearchTab
-from softgrip_jax.errors import ConfigError
+from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import FULL, ROOM, Axis
 from softgrip_jax.explorer.page import Page
 from softgrip_jax.explorer.study import Studied, StudyTab, binned_mean, open_study, studies_beneath
@@ -222,6 +223,75 @@ def test_a_calibration_from_text_is_that_of_optim(page):
     tab.use()
     assert page.session.values["shell.material.mu_kPa"] == pytest.approx(direct.x[0], rel=1e-9)
     assert abs(page.session.values["shell.material.mu_kPa"] / (160 * kPa) - 1) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("header", "units"),
+    [
+        ("Pressure (PSI),Force (mN)", ("psi", "mN")),
+        ("p (mBar),force_N", ("mbar", "N")),
+        ("p / kPa,F/kN", ("kPa", "kN")),
+        ("P_MPA,force n", ("MPa", "N")),
+    ],
+)
+def test_units_are_read_from_headings_in_any_case(page, header, units):
+    tab = CalibrateTab(page)
+    tab.upload("rig.csv", f"{header}\n1,2\n2,3\n")
+    assert (tab.x_unit.value, tab.y_unit.value) == units
+    assert tab.line.text.endswith(f"is read in {units[0]}. {header.split(',')[1]!r} is read in {units[1]}.")
+    assert not tab.line.is_wrong
+
+
+@pytest.mark.parametrize(
+    ("header", "unknown", "known"),
+    [
+        ("p_kPa,Force (lbf)", "'Force (lbf)': 'lbf'", "N, mN, kN"),
+        ("p_hPa,force_N", "'p_hPa': 'hPa'", "kPa, Pa, MPa, bar, mbar, psi"),
+        ("p (mPa),force_N", "'p (mPa)': 'mPa'", "kPa, Pa, MPa, bar, mbar, psi"),
+        ("p_kPa,force_MN", "'force_MN': 'MN'", "N, mN, kN"),
+        ("p_kPa,force_kPa", "'force_kPa': 'kPa'", "N, mN, kN"),
+    ],
+)
+def test_a_unit_that_is_not_known_is_asked_for(page, header, unknown, known):
+    """Such a column was read in kPa or N without a word."""
+    tab = CalibrateTab(page)
+    tab.upload("rig.csv", f"{header}\n1,2\n2,3\n")
+    sentence = f"{unknown} is none of the units {known}; choose one of them."
+    assert sentence in tab.line.text
+    assert tab.line.is_wrong
+    with pytest.raises(InputError, match="choose one of them"):
+        tab.curve()
+    column = next(one for one in (tab.x_unit, tab.y_unit) if one.value == "?")
+    column.value = column.options[2]
+    assert tab.curve().x.shape == (2,)
+
+
+def test_a_heading_without_a_unit_is_told(page):
+    """The unit that it is read in is that of the menu; another column leaves what was chosen."""
+    tab = CalibrateTab(page)
+    tab.upload("rig.csv", "pressure,force,force 2\n1,2,3\n2,3,4\n")
+    assert "'pressure' names no unit and is read in kPa. 'force' names no unit and is read in N." in tab.line.text
+    tab.x_unit.value = "psi"
+    tab.y_column.value = "force 2"
+    assert tab.x_unit.value == "psi"
+    assert "'pressure' names no unit and is read in psi." in tab.line.text
+
+
+def test_units_of_headings_are_those_of_their_kind():
+    for name, kind, unit in (
+        ("moment_N_mm", "moment", "N mm"),
+        ("M (N·m)", "moment", "N m"),
+        ("area_mm2", "area", "mm^2"),
+        ("A (cm²)", "area", "cm^2"),
+        ("angle [°]", "angle", "deg"),
+        ("weight_N_per_m", "force_per_length", "N/m"),
+        ("Pressure (gauge) [kPa]", "pressure", "kPa"),
+        ("strain %", "number", "%"),
+    ):
+        assert heading_of(name, kind).unit == unit, name
+        assert (unit_key("x", kind) == "x") or heading_of(unit_key("x", kind), kind).unit is not None
+    for name in ("pressure", "p_in", "pressure_left", "p", "run.1"):
+        assert heading_of(name, "pressure") == (None, ""), name
 
 
 @pytest.mark.parametrize(

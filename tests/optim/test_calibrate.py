@@ -16,7 +16,8 @@ from optim.calibration.fit import calibrate, implausible
 from optim.calibration.identifiability import _finger_scenes, _shell_scenes, candidates, unknown_directions
 from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
-from optim.calibration.report import examine
+from optim.calibration.report import Findings, examine, misfit, over_specimens, spread_of_specimens
+from optim.calibration.run import _lines
 from optim.space import Variable, to_free
 from optim.tension.test import Tension
 from softgrip_jax.results import Status
@@ -140,7 +141,7 @@ def test_a_profile_has_its_ends_where_few_points_make_it_wide():
     # Where it crosses: the cost of the best fit with that number held, by SciPy.
     for k, (end, low, high) in enumerate(((ends.high[0], 15 * mm, 17.5 * mm), (ends.high[1], 155 * kPa, 250 * kPa))):
 
-        def misfit(other, k=k, end=end):
+        def cost(other, k=k, end=end):
             mu, a = (end, other) if k == 0 else (other, end)
             design = {"a": a, "b": B, "t_m": T, "material": {"kind": reference.NEO, "mu": mu}}
             tried = np.linspace(0.1, 1.5, 200)
@@ -148,7 +149,7 @@ def test_a_profile_has_its_ends_where_few_points_make_it_wide():
             angles = [optimize.brentq(lambda th, p=p: reference.free(th, design)[0] - p, 1e-6, top) for p in x]
             return np.sum((a * np.tan(0.5 * np.array(angles)) - y) ** 2)
 
-        held = optimize.minimize_scalar(misfit, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
+        held = optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
         best = np.sum((np.asarray(found.predicted.response.values) - y) ** 2)
         # sigma^2 is estimated by the best fit with one degree of freedom, best / 1.
         assert np.sqrt((held - best) / best) == pytest.approx(found.quantile, rel=0.02)
@@ -326,6 +327,111 @@ def test_specimens_are_fitted_alone():
     np.testing.assert_allclose(
         [apart.low[0], apart.high[0]], [middle * np.exp(-half), middle * np.exp(half)], rtol=1e-6
     )
+
+
+STRAIN = np.linspace(0.05, 1, 12)
+
+
+def strips(mus, noise, rng, variables=None, c2=0.0, stated=None):
+    """A fit to strips of their own mu (Mooney-Rivlin with c2) and normal noise, and what is found of them apart."""
+    stretch = 1 + STRAIN
+    y = [(stretch - stretch**-2) * (mu + 2 * c2 / stretch) + noise * rng.normal(size=12) for mu in mus]
+    known = {"specimen": np.repeat(np.arange(len(mus)), 12), "specimens": tuple("abcdef"[: len(mus)])}
+    curve = Curve(
+        "test", "strip", "stress", "pressure", np.tile(STRAIN, len(mus)), np.concatenate(y), noise=stated, **known
+    )
+    material = sg.NeoHookean(mu=150 * kPa) if variables is None else sg.MooneyRivlin(c1=60 * kPa, c2=20 * kPa)
+    variables = variables or [Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+    found = calibrate(Fitting({"strip": Tension(material)}, variables, [curve]), starts=1)
+    return found, by_specimen(found)
+
+
+def test_specimens_differ_by_the_f_test_of_their_slopes():
+    """Stress is linear in mu, the noise the same: the analysis of variance of the slopes, by hand."""
+    rng, noise = np.random.default_rng(5), 4e3
+    mus = [170 * kPa, 172 * kPa, 176 * kPa]
+    one, apart = strips(mus, noise, rng, [Variable("material.c1", 0.0, 1000 * kPa)])
+    rise = (1 + STRAIN) - (1 + STRAIN) ** -2
+    y = one.fitting.y.reshape(3, 12) - 2 * 20 * kPa * rise / (1 + STRAIN)
+    slope = y @ rise / (rise @ rise)
+    inside = np.sum((y - slope[:, None] * rise) ** 2) / 33
+    F = rise @ rise * np.sum((slope - slope.mean()) ** 2) / 2 / inside
+    assert apart.chance[0] == pytest.approx(stats.f.sf(F, 2, 33), rel=1e-4)
+    assert apart.chance_together == pytest.approx(apart.chance[0], rel=1e-9)
+    known, apart = strips(mus, noise, rng, [Variable("material.c1", 0.0, 1000 * kPa)], stated=noise)
+    slope = (known.fitting.y.reshape(3, 12) - 2 * 20 * kPa * rise / (1 + STRAIN)) @ rise / (rise @ rise)
+    Q = rise @ rise * np.sum((slope - slope.mean()) ** 2) / noise**2
+    assert apart.chance[0] == pytest.approx(stats.chi2.sf(Q, 2), rel=1e-4)
+
+
+def test_equal_specimens_are_said_to_differ_as_rarely_as_the_level():
+    """Twenty pairs of the same strip: one in a hundred is said to differ (four or more of twenty: p = 4e-5)."""
+    rng, chances = np.random.default_rng(2), []
+    for _ in range(20):
+        one, apart = strips([175 * kPa] * 2, 3e3, rng)
+        (sentence,) = spread_of_specimens(one, apart)
+        assert ("agree within the noise" in sentence) != ("one to quote" in sentence)
+        assert over_specimens(one, apart, 0).is_to_quote == apart.differ[0]
+        chances.append(apart.chance[0])
+    assert np.sum(np.array(chances) < 0.01) < 4
+    assert stats.kstest(chances, "uniform").pvalue > 1e-3
+
+
+def test_specimens_that_differ_are_said_to():
+    """Moduli 5 % apart, known to 0.4 % each."""
+    rng = np.random.default_rng(0)
+    for mus in ([170 * kPa, 178.5 * kPa], [165 * kPa, 174 * kPa, 183 * kPa]):
+        one, apart = strips(mus, 3e3, rng)
+        assert apart.differ[0]
+        (sentence,) = spread_of_specimens(one, apart)
+        assert "by more than the noise explains (Cochran's test, p < 1e-06), so that" in sentence
+        assert "one to quote" in sentence
+
+
+def test_constants_that_go_together_differ_together():
+    """Of two constants that the curve hardly tells apart neither alone is different, and both together are."""
+    wide = [Variable("material.c1", 10 * kPa, 500 * kPa, "log"), Variable("material.c2", 0.0, 200 * kPa)]
+    one, apart = strips([140 * kPa, 146 * kPa], 4e3, np.random.default_rng(1), wide, c2=15e3)
+    assert not apart.differ.any()
+    *each, both = spread_of_specimens(one, apart)
+    assert len(each) == 2
+    assert all("agree within the noise" in sentence and sentence.endswith(", taken alone.") for sentence in each)
+    head = _lines(Findings(one, (), {}, apart, (), ()))
+    assert all("differ in all parameters together: the interval is too narrow" in line for line in head)
+    assert "all parameters together" in both
+    assert "too narrow" in both
+
+
+def test_no_interval_of_a_mean_has_values_that_cannot_be():
+    """Two constants that differ: Student's t of one degree of freedom reaches far below zero."""
+    mus = np.array([100 * kPa, 170 * kPa])
+    one, apart = strips(mus, 1e3, np.random.default_rng(0), [Variable("material.c1", 0.0, 250 * kPa)])
+    assert apart.low[0] < 0
+    found = over_specimens(one, apart, 0)
+    assert found.differ
+    assert not found.is_to_quote
+    (sentence,) = spread_of_specimens(one, apart)
+    assert "2 specimens are too few" in sentence
+    assert "-" not in sentence.partition("their mean")[2]
+    assert "are too few for an interval of their mean" in _lines(Findings(one, (), {}, apart, (), ()))[0]
+    wider, apart = strips(mus, 1e3, np.random.default_rng(0), [Variable("material.c1", 0.0, 3000 * kPa)])
+    assert apart.low[0] < 0
+    (sentence,) = spread_of_specimens(wider, apart)
+    assert "one to quote: 0 kPa (its bound) to " in sentence
+    assert "quote 95 % 0 to " in _lines(Findings(wider, (), {}, apart, (), ()))[0]
+
+
+def test_rounding_is_no_error_of_the_model():
+    """Numbers that were computed: their errors, of the solver or of a file's digits, say nothing of the model."""
+    stretch = 1 + STRAIN
+    stress = 175 * kPa * (stretch - stretch**-2)
+    said = []
+    for ripple in (1e-6, 1e-2):
+        curve = Curve("test", "strip", "stress", "pressure", STRAIN, stress * (1 + ripple * np.cos(3 * STRAIN)))
+        variables = [Variable("material.mu", 10 * kPa, 1000 * kPa, "log")]
+        said.append(misfit(calibrate(Fitting({"strip": Tension(sg.NeoHookean(mu=150 * kPa))}, variables, [curve]), 1)))
+    assert said[0] == []
+    assert "go together" in said[1][0]
 
 
 @pytest.mark.slow

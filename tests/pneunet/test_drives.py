@@ -365,12 +365,50 @@ def test_curves_without_a_state_speak_against_a_drive():
     assert rival(1.0, 1.5).better is None
 
 
+def fit_of(error=0.1, on_bound=False, noise=None):
+    """A fit of one curve with a range of 2, by its RMS error."""
+    curve = SimpleNamespace(name="force", fit=True, noise=noise, y=np.array([1.0, 3.0]), size=3.0)
+    fitting = SimpleNamespace(space=SimpleNamespace(names=["finger.t_m"]), curves=[curve])
+    return SimpleNamespace(on_bound=np.array([on_bound]), fitting=fitting, rmse=lambda k: error)
+
+
+def test_no_drive_explains_what_neither_follows():
+    """A quarter of the range off is not explained, however much worse the other law does; a stated noise of that size
+    explains it."""
+    drives = ("thesis", "cell")
+    said = Rival((fit_of(0.5, on_bound=True), fit_of(0.9)), drives, (-5.0, -np.inf)).sentence()
+    assert said == (
+        "Neither the drive 'thesis' nor 'cell' explains the curves: by 'thesis', the nearer one, the RMS error is 25 % "
+        "of the range of 'force' (by 'thesis' finger.t_m ends on a bound); are the units and the columns right?"
+    )
+    tied = Rival((fit_of(0.9), fit_of(0.5)), drives, (-5.0, -4.0))
+    assert not tied.explained
+    assert "by 'cell', the nearer one, the RMS error is 25 % of" in tied.sentence()
+    lost = Rival((fit_of(np.nan), fit_of(np.nan)), drives, (-np.inf, -np.inf)).sentence()
+    assert "by 'thesis', the nearer one, 'force' has no state; are" in lost
+    noisy = Rival((fit_of(0.5, noise=0.4), fit_of(0.9)), drives, (-5.0, -20.0))
+    assert noisy.explained
+    assert noisy.sentence().startswith("The drive 'thesis' explains the curves better than 'cell'")
+
+
+def test_a_fit_on_a_bound_comes_nearer_and_explains_nothing():
+    fits = fit_of(on_bound=True), fit_of()
+    said = Rival(fits, ("thesis", "cell"), (-5.0, -20.0)).sentence()
+    assert said.startswith("The drive 'thesis' comes nearer to the curves than 'cell': the logarithm")
+    assert said.endswith("(by 'thesis' finger.t_m ends on a bound).")
+    assert "explains" not in said + Rival(fits, ("thesis", "cell"), (-5.0, -np.inf)).sentence()
+
+
 def test_a_fit_without_a_state_is_json():
     """It was NaN, which JSON does not have."""
+
+    def curve(name):
+        return SimpleNamespace(name=name, fit=True, noise=None, y=np.array([1.0, 2.0]), size=2.0)
+
     other = SimpleNamespace(
         rmse=lambda k: [np.nan, 0.5][k],
         x=np.array([1.0]),
-        fitting=SimpleNamespace(curves=[SimpleNamespace(name="lost"), SimpleNamespace(name="free")]),
+        fitting=SimpleNamespace(curves=[curve("lost"), curve("free")]),
     )
     rival = Rival((other, other), ("thesis", "cell"), (0.0, -np.inf))
     found = _other(rival, lambda x: {"mu": x[0]})
@@ -391,10 +429,7 @@ def test_a_fit_tells_of_its_own_drive_and_the_other_one(drive, monkeypatch):
 
 
 def test_the_better_drive_is_said_in_words():
-    space = SimpleNamespace(names=["finger.t_m"])
-    fits = [
-        SimpleNamespace(on_bound=np.array([bound]), fitting=SimpleNamespace(space=space)) for bound in (True, False)
-    ]
+    fits = [fit_of(on_bound=bound) for bound in (True, False)]
     said = Rival((fits[0], fits[1]), ("thesis", "cell"), (-20.0, -5.0)).sentence()
     assert said == (
         "The drive 'cell' explains the curves better than 'thesis': the logarithm of the likelihood is 15 larger "

@@ -253,6 +253,57 @@ def test_mistakes_are_one_sentence(table, sentence, tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == {"config.toml"}
 
 
+TWO = """
+[scenes.free]
+type = "shell.Free"
+[scenes.plane]
+type = "shell.FlatContact"
+distance_mm = 5
+[scenes.free.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+[scenes.free.shell.material]
+type = "NeoHookean"
+mu_kPa = 175
+[scenes.plane.shell]
+a_mm = 16
+b_mm = 43
+t_m_mm = 1.1
+[scenes.plane.shell.material]
+type = "NeoHookean"
+mu_kPa = 175
+[solve]
+pressure_kPa = 15
+"""
+
+
+def test_one_of_several_scenes_is_named(tmp_path, capsys):
+    """At a given shape the pressure is in proportion to thickness and modulus, so that both have one elasticity."""
+    config = tmp_path / "two.toml"
+    config.write_text(TWO)
+    command = ["sensitivity", str(config), "--json", "--out"]
+    assert run([*command, str(tmp_path / "none")]) == 2
+    said = capsys.readouterr().err
+    assert "has several scenes; say which with --scene, one of free, plane" in said
+    assert run([*command, str(tmp_path / "no"), "--scene", "ball"]) == 2
+    assert "--scene is 'ball'" in capsys.readouterr().err
+    assert run([*command, str(tmp_path / "out"), "--scene", "plane"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["remarks"] == ["These are numbers of the scene plane."]
+    by = told["quantities"]["force at 15 kPa"]["elasticity"]
+    assert "distance" in by
+    assert by["shell.t_m"] == pytest.approx(by["shell.material.mu"], rel=1e-9)
+
+
+def test_without_a_named_scene_a_section_may_ask_of_several(tmp_path, capsys):
+    config = tmp_path / "two.toml"
+    asked = '[[sensitivity.observables]]\nname = ["free.limit_pressure_kPa", "plane.limit_pressure_kPa"]\n'
+    config.write_text(TWO + asked)
+    assert run(["sensitivity", str(config), "--json", "--out", str(tmp_path / "out")]) == 0
+    assert len(json.loads(capsys.readouterr().out)["quantities"]) == 2
+
+
 def test_bars_are_the_elasticities(found):
     figure = plots.elasticities(found)
     first = figure.axes[0]
