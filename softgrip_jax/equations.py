@@ -136,6 +136,10 @@ class PathEquations(eqx.Module):
         """True where a state is none of the branch connected to zero load, whatever the sign of its Jacobian says."""
         return jnp.asarray(False)
 
+    def is_resolved(self, unknowns: Vector) -> Bool[Array, ""]:
+        """False where the points that stand for a shape are too few to tell it: behind its limit a branch ends."""
+        return jnp.asarray(True)
+
     def spent(self, unknowns: Vector, pressure: Scalar) -> dict[Reason, Scalar]:
         """What a state uses of the most that its parts can hold, less 1: the equations have no value above zero."""
         return {}

@@ -192,12 +192,15 @@ def branch(scene: Scene, n: int = 200) -> Solution:
     """The equilibrium curve through its limit point, at n points from where pressure begins to act.
 
     Unlike in `path` the pressure is a result: it rises to `limit_pressure` and falls behind it. States behind the limit
-    are equilibria at a given volume and unstable at a given pressure. The limit is one of the points.
+    are equilibria at a given volume and unstable at a given pressure. The limit is one of the points, or the last is
+    just before it where the model ends there.
 
     The branch ends where, behind the limit, the pressure has fallen to half of it or is as large again (the state to
-    which the scene snaps); where the model ends; where a membrane has inflated to ten times its half width, or an
-    energy membrane is twice as far from flat as at its limit. A branch without a limit ends at 20 mu t_m / a. It is not
-    differentiable: its points move along the curve with the scene.
+    which the scene snaps); of a finger or a grasp also where the pressure rises again behind the limit, or where the
+    points along the beam become too few for its shape (more `points` lead further); where the model ends; where a
+    membrane has inflated to ten times its half width, or an energy membrane is twice as far from flat as at its limit.
+    A branch without a limit ends at 20 mu t_m / a. It is not differentiable: its points move along the curve with the
+    scene.
 
     Args:
         scene: what to solve.

@@ -11,11 +11,12 @@ from jaxtyping import Array, Float
 
 from ..numerics.batching import in_turn
 from ..numerics.continuation import fold_load
+from ..numerics.continuation.search import LONGER, SHORTER
 from ..numerics.control import hold, top
 from ..numerics.small_linear import solve
 from ..results import Solution, Status, stop_gradient_where_failed
 from ..scene import Found, frozen
-from .energy_follow import follow
+from .energy_follow import BESIDE, follow
 from .energy_values import FIRST_LOAD, LARGEST_LOAD
 
 Scalar = Float[Array, ""]
@@ -23,6 +24,12 @@ Vector = Float[Array, " n"]
 
 BRANCH = 2.0
 """A drawn branch ends so many times as far from the flat membrane as the limit point."""
+BRANCH_STEPS = 30
+"""At least as many lead along a drawn branch."""
+TURN = 0.7
+"""Cosine of the largest turn of a drawn branch in one step: where the membrane first touches it turns by 33 degrees."""
+SMALLEST = 1e-4
+"""A drawn branch ends where steps of this part of its usual ones fail."""
 REACH = 0.1
 """Largest step towards a limit point, in unknowns of order one."""
 LEAST_ABOVE = 1e-5
@@ -80,7 +87,8 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
     """n points at equal arc lengths of the unknowns, through the limit point to BRANCH times its distance, or up to the
     end of the branch where that is no limit point.
 
-    Behind the limit these are equilibria at a given displacement.
+    Whatever n is, the curve is followed in BRANCH_STEPS steps at least, and those that fail are cut. The point nearest
+    to what `find_limit` found is moved there. Behind the limit these are equilibria at a given displacement.
     """
     fixed = frozen(scene)
     known: Found = method.find_limit(fixed) if limit is None else limit
@@ -89,21 +97,43 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
     begun = follow(fixed, fixed.unloaded_state(), zero, fixed.first_guess(low), low, method.largest_step)
     first = begun.y
     reach = jnp.where(known.end == 1, BRANCH, 1.0) * jnp.linalg.norm(known.unknowns)
-    length = (reach - jnp.linalg.norm(first)) / (n - 1)
+    finer = -(-BRANCH_STEPS // (n - 1))
+    length = (reach - jnp.linalg.norm(first)) / (finer * (n - 1))
 
-    def next_point(state, first):
-        unknowns, load, along, rise, alive = state
-        size = jnp.linalg.norm(along)
+    def attempt(state):
+        (unknowns, load, along, rise), step, rest = state
+        size, step = jnp.linalg.norm(along), jnp.minimum(step, rest)
         direction = along / size
-        step = jnp.where(first, 0.0, length)
         guess = unknowns + step * direction
         held = hold(_linear(fixed), guess, load + step * rise / size, direction, direction @ guess)
-        alive = alive & held.good
-        kept = jax.tree.map(lambda a, b: jnp.where(alive, a, b), held[:4], state[:4])
-        return (*kept, alive), (kept[0], kept[1], alive)
+        # direction . along is 1 there: what `along` is longer by tells how far the curve has turned.
+        straight = jnp.linalg.norm(held.along) * TURN < 1
+        good = held.good & straight & (jnp.max(jnp.abs(held.y - guess)) < BESIDE)
+        kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), held[:4], state[0])
+        return kept, jnp.where(good, LONGER, SHORTER) * step, jnp.where(good, rest - step, rest)
 
-    start = first, begun.load**3, first, zero, begun.reached & (known.status == Status.OK)
-    _, (points, loads, alive) = lax.scan(next_point, start, jnp.arange(n) == 0)
+    def next_point(state, _):
+        def busy(state):
+            return alive & (state[2] > 0) & (state[1] > SMALLEST * length)
+
+        point, step, alive = state
+        # The last piece of a step says nothing of how long the next one may be.
+        point, last, rest = lax.while_loop(busy, attempt, (point, step, length))
+        alive = alive & (rest <= 0)
+        return (point, jnp.maximum(last, jnp.minimum(step, length)), alive), (*point[:2], alive)
+
+    start = (first, begun.load**3, begun.slope, 3 * begun.load**2)
+    alive = begun.reached & (known.status == Status.OK)
+    _, followed = lax.scan(next_point, (start, length, alive), None, length=finer * (n - 1))
+    points, loads, alive = (
+        jnp.concatenate([jnp.asarray(a)[None], b[finer - 1 :: finer]])
+        for a, b in zip((*start[:2], alive), followed, strict=True)
+    )
+    distance = jnp.linalg.norm(points - known.unknowns[None], axis=1)
+    nearest = jnp.argmin(jnp.where(alive, distance, jnp.inf))
+    there = (jnp.arange(n) == nearest) & (distance <= finer * length) & jnp.isfinite(known.pressure)
+    points = jnp.where(there[:, None], known.unknowns[None], points)
+    loads = jnp.where(there, known.pressure / fixed.unit(), loads)
 
     def report(unknowns, load, alive):
         status = jnp.where(alive, Status.OK, Status.NOT_CONVERGED)

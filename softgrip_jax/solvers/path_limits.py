@@ -84,8 +84,8 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     """n points at equal arc lengths from (next to) the first effect of pressure, through the limit point; where
     loads and pressure grow together, from the moderate pressure where they have arrived.
 
-    The path is followed twice: to see where it turns and where it is to end, and once more with the limit point on
-    one of the points.
+    The path is followed twice: to see where it turns and where it is to end, and once more with one of the points next
+    to the limit point, which is then moved there.
     """
     span = scene.pressure_span()
     ray, moderate = to_moderate(span)
@@ -100,15 +100,18 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     def along(u):
         return residual_and_observables(scene.searched(), u[:-1], jnp.ones_like(u[-1]), span.load_at(u))[0]
 
-    def follow_it(step, _):
-        points, trusted = trace(along, first_point, step, finer * (n - 1) + 1)
+    def follow_it(state, _):
+        step, level = state
+        points, trusted = trace(along, first_point, step, finer * (n - 1) + 1, level)
         pressures = jax.vmap(span.pressure_at)(points)
-        fold, end = branch_marks(points[:, -1], pressures, trusted, span.last())
-        cells = jnp.ceil((n - 1) * fold / end)
-        whole = jnp.where(fold < end, fold / jnp.maximum(cells, 1), end / (n - 1))
-        return step * whole / finer, (points, trusted)
+        told = jax.vmap(lambda u: scene.is_resolved(u[:-1]))(points)
+        fold, end = branch_marks(points[:, -1], pressures, trusted, span.last(), told)
+        cells = jnp.maximum(jnp.ceil((n - 1) * fold / end), 1)
+        turns = fold < end
+        whole = jnp.where(turns, fold / cells, end / (n - 1))
+        return (step * whole / finer, jnp.where(turns, finer * cells.astype(int), 0)), (points, trusted)
 
-    first = jnp.asarray(BRANCH_LENGTH / (finer * (n - 1)))
+    first = jnp.asarray(BRANCH_LENGTH / (finer * (n - 1))), jnp.asarray(0)
     _, (points, trusted) = lax.scan(follow_it, first, length=2)
 
     def report(u, trusted):
@@ -122,14 +125,18 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
 
 
 def branch_marks(
-    place: Float[Array, " k"], pressure: Float[Array, " k"], good: Bool[Array, " k"], most: Scalar | float = jnp.inf
+    place: Float[Array, " k"],
+    pressure: Float[Array, " k"],
+    good: Bool[Array, " k"],
+    most: Scalar | float = jnp.inf,
+    told: Bool[Array, " k"] | bool = True,
 ) -> tuple[Scalar, Scalar]:
     """Where a branch turns and where it is to end, in steps of its points; it does not turn where both are the same.
 
     It turns at the top of the parabola through the three points around the first that is higher than the next. It ends
     with the last `good` point, or JUST_BEFORE the place `most` of the parabola through the last point before it and its
     neighbours; behind the turn, too, where the pressure is FALLEN times that of the turn, or where it rises again, for
-    what is stable then is for a beam not to be seen from the curve.
+    what is stable then is for a beam not to be seen from the curve, or before a shape that is not `told`.
     """
     index = jnp.arange(place.shape[0])
     beyond = place > most
@@ -139,7 +146,7 @@ def branch_marks(
     turned = jnp.any(turns) & (jnp.argmax(turns) > 0)
     top = jnp.where(turned, jnp.argmax(turns), index[-1])
     behind = index > top
-    over = gone | (behind & ((pressure < FALLEN * pressure[top]) | (jnp.roll(rise, 1) > 0)))
+    over = gone | (behind & ((pressure < FALLEN * pressure[top]) | (jnp.roll(rise, 1) > 0) | ~told))
     last = jnp.where(jnp.any(over), jnp.maximum(jnp.argmax(over) - 1, 1), index[-1])
     middle = jnp.clip(top, 1, index[-1] - 1)
     low, high, after = place[middle - 1], place[middle], place[middle + 1]

@@ -485,6 +485,26 @@ def test_a_traced_curve_has_equal_steps_and_goes_through_its_limit_points():
     assert np.all((turned > 2.0 / radius) & (turned < 2.0 / radius * most / np.sin(most)))
 
 
+@pytest.mark.parametrize(("radius", "level"), [(1.0, 9), (1.0, 10), (0.01, 9), (0.01, 10), (0.01, 11)])
+def test_one_point_of_a_traced_curve_is_moved_to_its_limit_point(radius, level):
+    """The top of an ellipse, also of one that is as sharp as a hairpin, from before it and from behind it."""
+    ellipse = coefficients(y2p0=radius**-2, y0p2=1, y0p0=-1)
+    start = jnp.array([-radius * np.cos(0.1), np.sin(0.1)])
+    step = {1.0: (np.pi / 2 - 0.1) / 10, 0.01: 0.9 / 10}[radius]
+
+    def points(level):
+        return trace(lambda u: polynomial(u, (jnp.asarray(ellipse), jnp.inf)), start, step, 14, level)
+
+    found, good = jax.jit(points)(level)
+    assert np.all(good)
+    np.testing.assert_allclose(found[level], [0, 1], atol=1e-7)
+    assert found[level, 1] == pytest.approx(1, abs=1e-14)
+    plain = np.asarray(jax.jit(points)(0)[0])
+    assert np.max(np.delete(plain[:, 1], level)) < 1
+    np.testing.assert_array_equal(found[:level], plain[:level])
+    assert np.all(np.diff(found[level:, 1]) < 0)
+
+
 def test_a_value_and_its_jacobian_in_one():
     u = jnp.array([0.3, -0.7, 1.1])
 

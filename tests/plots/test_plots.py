@@ -1,6 +1,7 @@
 """Pictures: what is drawn is where the solution says, to one scale, and nothing is cut."""
 
 import dataclasses
+import warnings
 from itertools import pairwise
 
 import jax
@@ -16,6 +17,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle
 
 import softgrip_jax as sg
 from softgrip_jax import plots
+from softgrip_jax.errors import CellRangeWarning
 from softgrip_jax.geometry import walls
 from softgrip_jax.plots import figures
 from softgrip_jax.pneunet.finger import SEGMENT_FIELDS
@@ -420,6 +422,13 @@ def test_where_a_followed_path_turns_and_ends(shape):
         assert end == (89 if shape == "dies behind" else np.floor(half))
 
 
+def test_a_path_behind_its_turn_ends_before_a_shape_that_is_not_told():
+    s = np.arange(200.0)
+    load = jnp.asarray(1 - ((s - 60.3) / 120) ** 2)
+    fold, end = branch_marks(load, load, jnp.asarray(s < 1000), told=jnp.asarray((s < 90) & (s != 30)))
+    assert (fold, end) == (pytest.approx(60.3, abs=1e-6), 89)
+
+
 @pytest.mark.parametrize("bend", [-0.3, 0.0, 0.3])
 def test_a_path_ends_where_its_model_does(bend):
     """Between two of its points, at the root of the place's own parabola."""
@@ -435,6 +444,44 @@ def test_a_branch_ends_with_the_law_and_not_a_step_before_it():
     curve = sg.branch(scene, 12)
     assert np.all(np.asarray(curve.status) == sg.Status.OK)
     assert float(jnp.max(curve.pressure)) == pytest.approx(0.24 * 136 * kPa, rel=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["equal", "different"])
+def test_a_branch_of_chambers_that_snap_goes_through_its_limit(kind):
+    """The curve of four segments that differ is as sharp as a hairpin there; that of equal ones ends where 16 points no
+    longer tell the shape, well behind it."""
+    finger = sg.PneuNet.table_5_1("A")
+    h_x, t_m = {
+        "equal": (4 * [finger.h_x / mm], 4 * [finger.t_m / mm]),
+        "different": ([0.7, 0.8, 0.9, 1.0], [1.0, 1.1, 1.15, 1.2]),
+    }[kind]
+    finger = dataclasses.replace(finger, h_x=jnp.array(h_x) * mm, t_m=jnp.array(t_m) * mm)
+    scene = sg.pneunet.TipContact(finger, drive="cell", ignored_rules=("chambers_apart",))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", CellRangeWarning)
+        curve, limit = sg.branch(scene), float(sg.limit_pressure(scene))
+    assert np.all(np.asarray(curve.status) == sg.Status.OK)
+    pressure = np.asarray(curve.pressure)
+    assert np.max(pressure) == pytest.approx(limit, rel=1e-9)
+    assert pressure[-1] < 0.98 * limit
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [2, 12])
+def test_a_branch_of_few_points_on_an_object_goes_through_its_limit(n):
+    """Its steps are no longer for that; points before the limit are what `solve` finds there."""
+    body = sg.shell.obstacles.Cylinder(20 * mm, 5 * mm)
+    scene = sg.shell.ObstacleContact(shell(), body, symmetry="both", across=2, lengthwise=3)
+    curve, limit = sg.branch(scene, n), float(sg.limit_pressure(scene))
+    assert not np.any(np.asarray(curve.status) == sg.Status.NOT_CONVERGED)
+    pressure = np.asarray(curve.pressure)
+    top = int(np.argmax(pressure))
+    assert pressure[top] == pytest.approx(limit, rel=1e-12)
+    assert np.all(np.diff(pressure[: top + 1]) > 0)
+    if n > 2:
+        assert 3 < top < n - 3
+        below = sg.solve(scene, pressure[top - 3])
+        np.testing.assert_allclose(curve.unknowns[top - 3], below.unknowns, atol=1e-8)
 
 
 def test_the_curve_goes_through_the_limit_point():
