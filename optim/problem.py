@@ -294,6 +294,7 @@ class Problem:
         self.about = ""
         """Everything that the problem is made of, in words, where its programs are to be kept for the next process."""
         self._programs: dict[Any, Any] = {}
+        self._kept: dict[Any, Any] = {}
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)
@@ -543,20 +544,19 @@ class Problem:
 
     def _made(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """That program, for rows of these shapes."""
-
-        def make():
+        key = function.__name__, *fixed.items(), tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
+        if key not in self._programs:
             batched = traced_once(jax.vmap(wraps(function)(partial(function, **fixed))))
             about = f"{self.about}{fixed or ''}"
-            return program(batched, *rows, about=about, options=options) if self.about else batched
-
-        shapes = tuple(jnp.shape(leaf) for leaf in jax.tree.leaves(rows))
-        return self.kept((function.__name__, *fixed.items(), shapes), make)
+            kept = program(batched, *rows, about=about, options=options) if self.about else batched
+            self._programs[key] = kept
+        return self._programs[key]
 
     def kept(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What `make` makes, once for every key: a program that another search of this problem has compiled."""
-        if key not in self._programs:
-            self._programs[key] = make()
-        return self._programs[key]
+        """What `make` makes of a search's own work, once for every key: another search of this problem uses it, too."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def prepare(self, chunk: int, nearby: int) -> None:
         """Have the programs for batches of `solved` and of `solved_nearby` made, where a command keeps them: the one is

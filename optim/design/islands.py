@@ -36,7 +36,7 @@ def evaluator_on(spread: Spread | None, problem: Problem) -> Iterator[Any]:
 def sent(problem: Problem) -> Problem:
     """The problem without its compiled programs: a worker compiles for itself."""
     alone = copy.copy(problem)
-    alone._programs = {}
+    alone._programs, alone._kept = {}, {}
     return alone
 
 

@@ -372,3 +372,26 @@ def test_arcs_and_energy_are_laws_of_a_shell():
     [sentence] = differing_laws(Space({"one": arc, "two": energy}, [THICKNESS]))
     assert "share a shell" in sentence
     assert "model is 'arc' in one and 'energy' in two" in sentence
+
+
+def on_a_plane():
+    """A problem of an energy membrane, whose states have as many unknowns as its basis has polynomials."""
+    scene = sg.shell.ObstacleContact(shell(), sg.shell.obstacles.Plane(5 * mm), symmetry="both", across=2, lengthwise=2)
+    goal = Goal("maximise", Quantity("force", at=12 * kPa))
+    return Problem(Space({"held": scene}, [Variable("shell.t_m", 1.0 * mm, 2 * mm)]), [goal])
+
+
+def test_energy_membranes_keep_their_rules_too():
+    labels = [rule.label() for rule in on_a_plane().rules]
+    assert labels == ["held.margins.membrane_clear_at_rest", "held.margins.membrane_above_clamp at 12 kPa"]
+
+
+@pytest.mark.slow
+def test_an_energy_membrane_is_searched_and_its_margins_are_those_of_its_state():
+    problem = on_a_plane()
+    best = search(problem, starts=3, steps=3, finishes=1).best
+    state = sg.solve(problem.scenes_at(best.x)["held"], 12 * kPa)
+    assert best.feasible
+    assert best.x[0] == pytest.approx(1 * mm, rel=1e-9)  # the thinnest wall inflates most
+    assert best.values[0] == pytest.approx(float(state.force), rel=1e-9)
+    assert best.margins == pytest.approx([float(state.margins[rule.rule]) for rule in problem.rules], rel=1e-9)

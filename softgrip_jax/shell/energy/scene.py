@@ -106,9 +106,12 @@ class EnergyScene(Scene):
         """At the contact points per flat area, in mu t_m / a."""
         return self.functional.contact_pressures(unknowns, self, pressure / self.unit())
 
+    def unknown_shape(self):
+        return (self.functional.size,)
+
     def unloaded_state(self) -> Vector:
         """The unknowns of the flat membrane."""
-        return jnp.zeros_like(self.shell.a, shape=(self.functional.size,))
+        return jnp.zeros_like(self.shell.a, shape=self.unknown_shape())
 
     def first_guess(self, load: Scalar) -> Vector:
         """A cap: what the small-deflection law (2.1) of a square gives, with the first polynomial of w alone."""
