@@ -152,7 +152,7 @@ class Cluster:
             free.bind(("127.0.0.1", 0))
             self.address = f"tls://127.0.0.1:{free.getsockname()[1]}"
         self.config = folder / "study.toml"
-        self.config.write_text(CONFIG.replace("5000", "1000000"))
+        self.config.write_text(CONFIG.replace("5000", "4000000"))
 
     def __enter__(self):
         return self
@@ -200,7 +200,7 @@ def wait_for(count, out, process):
 
 @pytest.mark.slow
 def test_a_scheduler_with_tls_whose_workers_come_and_go(tmp_path):
-    """A million designs; one worker is killed for good, another joins, the client is killed, then the scheduler, and
+    """Four million designs; one worker is killed for good, another joins, the client is killed, then the scheduler, and
     the store equals that of one process."""
     out = tmp_path / "two"
     with Cluster(tmp_path) as cluster:
