@@ -295,6 +295,7 @@ class Problem:
         """Everything that the problem is made of, in words, where its programs are to be kept for the next process."""
         self._programs: dict[Any, Any] = {}
         self._kept: dict[Any, Any] = {}
+        """What searches make of goals and limits: problems that differ in these alone may share `_programs`."""
         self.space, scenes = space, without_rules(space.scenes)
         self.goals = tuple(dataclasses.replace(g, quantity=named(g.quantity, scenes)) for g in goals)
         self.limits = tuple(dataclasses.replace(c, quantity=named(c.quantity, scenes)) for c in limits)

@@ -52,6 +52,7 @@ def in_blocks(
     """lax.while_loop(busy, lambda state: iterate(state, context), start), for batches of any size.
 
     Neither function may hold traced values: those come through `start` and `context`. No derivatives pass through.
+    block: members at work at the same time; by default as many as suit the device.
     """
     iterate = jax.jit(iterate)  # traced once, for one member and for many
 

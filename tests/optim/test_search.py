@@ -296,6 +296,21 @@ def test_a_second_search_of_a_problem_compiles_nothing():
     assert second.descended == first.descended != slower.descended
 
 
+def test_problems_that_share_the_physics_keep_their_own_goals():
+    """As in the explorer, where another goal for the same scene compiles nothing new."""
+
+    def reach(target):
+        space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+        return Problem(space, [Goal("reach", Quantity("inflation", at=15 * kPa), target=target)])
+
+    one, two = reach(12 * mm), reach(9 * mm)
+    two._programs = one._programs
+    asked = {"starts": 4, "steps": 10, "finishes": 1}
+    for problem, target in ((one, 12 * mm), (two, 9 * mm)):
+        assert search(problem, **asked).best.values[0] == pytest.approx(target, rel=1e-6)
+    assert two._programs is one._programs
+
+
 def test_all_distinct_optima_are_found():
     found = search(himmelblau(), starts=32, steps=40)
     minima = [(3, 2), (-2.805118, 3.131312), (-3.779310, -3.283186), (3.584428, -1.848126)]
