@@ -83,7 +83,7 @@ class OtherDrive(NamedTuple):
     """Those that have another drive, by it."""
     asked: QuantitySet
     pressures: np.ndarray
-    """Of its states; NaN where one is sought."""
+    """Of its states; NaN where one is sought, and of what has no state: a limit pressure."""
     program: Any
     """(rows of SI values, pressures) -> what was asked of each. Pressures are data: it serves for lower ones, too."""
     designs: int
@@ -100,7 +100,7 @@ def other_drive(problem: Problem, designs: int) -> OtherDrive | None:
     quantities = [
         q
         for q in problem.quantities
-        if q.scene in others and q.at not in (None, AT_REST) and q.observable != LIMIT_MARGIN
+        if q.scene in others and q.at != AT_REST and q.observable != LIMIT_MARGIN
         if _has(others[q.scene], q)
     ]
     if not quantities:
@@ -114,7 +114,7 @@ def other_drive(problem: Problem, designs: int) -> OtherDrive | None:
         known = {
             state: solve(changed[state[0]], p)
             for state, p in zip(asked.states, pressures, strict=True)
-            if not isinstance(state[1], str | tuple)
+            if state[1] is not None and not isinstance(state[1], str | tuple)
         }
         return asked.measure(changed, solutions=known)
 

@@ -416,9 +416,11 @@ def quick_mesh(monkeypatch):
 def test_the_command_writes_a_folder_that_fidelity_reads(quick_mesh, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("softgrip_jax.commands.verify.SHARES", (1.0,))
+    monkeypatch.setattr("softgrip_jax.commands.verify.remarks", lambda found: ["A mesh was left out."])
     (tmp_path / "free.toml").write_text(FREE, encoding="utf-8")
     assert cli.run(["verify", "free.toml", "--out", "seen", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
+    assert told["remarks"] == ["A mesh was left out."]
     assert {path.name for path in (tmp_path / "seen").iterdir()} == {"result.json", "table.csv", "shapes.png"}
     inflation = next(row for row in told["rows"] if row["quantity"] == "inflation")
     assert set(inflation["models"]) == {"arc", "energy"}

@@ -91,10 +91,12 @@ def run_verify(
                 f"{config}: finite elements found no equilibrium up to {pressure / 1e3:.4g} kPa; give a smaller "
                 "--pressure-kPa."
             )
+        said = case.remarks if stopped else (*case.remarks, *remarks(found))
         data = {
             "config": str(config),
             "scene": case.name,
             "stopped": stopped,
+            "remarks": said,
             "seconds": spent,
             "states": [state_data(one) for part in found for one in part],
             "rows": [row.as_data() for row in rows],
@@ -109,7 +111,7 @@ def run_verify(
         print(json.dumps({"folder": str(final), "kept": str(kept)} | data, indent=2, allow_nan=False))
     else:
         report(case.name, rows, console)
-        for sentence in case.remarks if stopped else (*case.remarks, *remarks(found)):
+        for sentence in said:
             console.print(sentence, soft_wrap=True, markup=False)
         console.print(
             f"The comparison, {spent:.0f} s of work, is in {final}: {contents(final)}. From now on `softgrip solve` "

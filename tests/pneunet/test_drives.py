@@ -165,6 +165,17 @@ def test_designs_are_reported_by_the_other_drive(problem):
     assert beside.reasons == [[], []]
 
 
+def test_a_limit_pressure_is_reported_by_the_other_drive():
+    """It has no state, and so no pressure."""
+    space = Space({"held": held()}, [Variable("finger.H", 4 * mm, 6 * mm)])
+    beside = by_other_drive(Problem(space, [Goal("maximise", Quantity("limit_pressure"))]), [np.array([5 * mm])])
+    ((label, _),) = beside.rows(Problem(space, [Goal("maximise", Quantity("limit_pressure"))]))
+    assert label == "limit_pressure, drive cell"
+    expected = sg.limit_pressure(held(drive="cell"))
+    np.testing.assert_allclose(beside.values, [[expected]], rtol=1e-9)
+    assert beside.reasons == [[]]
+
+
 @pytest.mark.slow
 def test_what_is_outside_of_the_law_is_told_of_the_best_design(problem):
     """The start is the first of the designs, the best one the second, others follow."""
