@@ -57,7 +57,7 @@ def known_states(at: State, solutions: Solution, t: Float[Array, "k m"]) -> Know
 
 
 def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Array, Solution]:
-    """What is left of the equations at u, and the state there as if nothing were.
+    """What is left of the equations at u, and the state there as if nothing were, with the rules of states alone.
 
     at: a pressure (Pa), "required", or (observable, value), as in `quantities`.
     """
@@ -67,7 +67,7 @@ def state_at(scene: Any, at: State | Array, u: Float[Array, " n"]) -> tuple[Arra
     if is_sought(at):
         name, target = cast(Any, scene.target() if at == REQUIRED else at)
         residual = jnp.append(residual, surplus_over(name, jnp.asarray(target, u.dtype), observed))
-    margins = scene.margins_at_rest() | scene.margins_of_state(unknowns, pressure)
+    margins = scene.margins_of_state(unknowns, pressure)
     none, number = jnp.zeros((), u.dtype), jnp.asarray(0)
     solution = Solution(
         scene, pressure, jnp.asarray(int(Status.OK)), none, number, unknowns, observed, number, none * jnp.nan, margins

@@ -441,7 +441,7 @@ class Problem:
             near = root_nearby(self._equations(state), after_all(t, after), place)
             values.append(near.observed)
             slopes.append(near.slopes)
-            statuses.append(self._status_of(state, t, near.known.u, near.good))
+            statuses.append(self._status_of(state, t, near.told, near.good))
             after.append(near.known)
         return self._together(values, statuses), self._in_order(slopes), tuple(after)
 
@@ -450,27 +450,27 @@ class Problem:
         found = self.apart.measure(self._bare(t))
         values, statuses, before = [found.values], [*found.statuses], []
         for state, place in zip(self.followed, known, strict=True):
-            observed, u, good = root_by_chords(self._equations(state), after_all(t, before), place)
+            observed, u, good, told = root_by_chords(self._equations(state), after_all(t, before), place)
             values.append(observed)
-            statuses.append(self._status_of(state, t, u, good))
+            statuses.append(self._status_of(state, t, told, good))
             before.append(place._replace(u=u))
         return self._together(values, statuses)
 
     def _equations(self, state: tuple[str, State]) -> Equations:
-        """(u, t) -> (the residual of a `followed` state, what is asked of it)."""
+        """(u, t) -> (the residual of a `followed` state, what is asked of it), the state."""
         (name, at), own = state, self.measured.only([state])
 
         def equations(u, t):
             scenes = self._bare(t)
             residual, solution = state_at(scenes[name], self._asked_at(at, t), u)
-            return residual, own.measure(scenes, solutions={state: solution}).values
+            return (residual, own.measure(scenes, solutions={state: solution}).values), solution
 
         return equations
 
-    def _status_of(self, state: tuple[str, State], t: Float[Array, " n"], u: Array, is_root: Any) -> Array:
-        """OK where u is a root that the scene's model covers."""
+    def _status_of(self, state: tuple[str, State], t: Float[Array, " n"], solution: Solution, is_root: Any) -> Array:
+        """OK where a solution is one that the scene's model covers."""
         scene, at = self._bare(t)[state[0]], self._asked_at(state[1], t)
-        good = is_root & is_covered(scene, at, state_at(scene, at, u)[1])
+        good = is_root & is_covered(scene, at, solution)
         return jnp.where(good, int(Status.OK), int(Status.NOT_CONVERGED))
 
     def _in_order(self, parts: Sequence[Array]) -> Array:

@@ -12,7 +12,7 @@ Where a limit point is behind, there is no root. `fold_nearby` follows the limit
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,10 +21,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .continuation.limit_load import null_direction
 from .continuation.newton import value_and_jacobian
-from .small_linear import solve_and_sign
+from .small_linear import solve_and_renew, solve_and_sign
 
-Equations = Callable[[Array, Array], tuple[Array, Array]]
-"""(u, t) -> residual, of the size of u, and what is observed; traced values come through u and t alone."""
+Equations = Callable[[Array, Array], tuple[tuple[Array, Array], Any]]
+"""(u, t) -> (residual, of the size of u, and what is observed), what else is to be known there, without derivatives;
+traced values come through u and t alone."""
 
 CHORDS = 12
 """Moves with a kept Jacobian at most: where more are needed a new one is worth its price."""
@@ -32,6 +33,9 @@ CONTRACTION = 0.5
 """Moves must shrink at least this much, or the Jacobian is too old."""
 NEAR = 1e-7
 """A move below this, relative, is the last: with the Jacobian of the place itself it is squared."""
+
+KEPT = 3
+"""Moves up to which the inverse serves the next root, too."""
 
 LAST = 1e-9
 """A move below this is the last where no Jacobian at the root follows: the error left is smaller than the move."""
@@ -42,9 +46,10 @@ class Known(NamedTuple):
 
     u: Float[Array, " n"]
     inverse: Float[Array, "n n"]
-    """Of the Jacobian by u; zeros where it is not known."""
+    """Of the Jacobian by u, there or at a root that this one was found from; zeros where it is not known."""
     side: Float[Array, ""]
-    """The sign of the Jacobian's determinant, which is the same along a branch; 0 where it is not known."""
+    """The sign of the Jacobian's determinant, which is the same along a branch; 0 where it is not known. Of what is not
+    good it is that of the root that was asked for: another trial from there is no way to another branch."""
     t: Float[Array, " m"]
     """The parameters of this root."""
     moved: Float[Array, "n m"]
@@ -62,6 +67,8 @@ class Nearby(NamedTuple):
     """Whether it is a root, to rounding, and on the same side as the one it came from."""
     count: Int[Array, ""]
     """Evaluations without derivatives."""
+    told: Any
+    """What else the equations say: before the last move, which is below NEAR where it is a root."""
 
 
 def known_root(u: Float[Array, " n"], t: Float[Array, " m"]) -> Known:
@@ -72,22 +79,26 @@ def known_root(u: Float[Array, " n"], t: Float[Array, " m"]) -> Known:
 
 def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Nearby:
     """The root of equations(u, t)[0] near a known one. What is not good may be tried again from where it ended."""
-    u, _, count = _by_chords(equations, t, known, NEAR)
+    u, last, count = _by_chords(equations, t, known, NEAR)
     # Apart: along u nothing moves of what depends on t alone, which is most of what there is to differentiate.
-    (residual, observed), (by_u, seen_by_u) = value_and_jacobian(lambda u: equations(u, t), u)
-    _, (by_t, seen_by_t) = value_and_jacobian(lambda t: equations(u, t), t)
-    inverse, side = solve_and_sign(by_u, jnp.eye(len(u), dtype=t.dtype))
-    move, moved = -inverse @ residual, -inverse @ by_t
-    size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
-    good = (size <= NEAR) & ((known.side == 0) | (side == known.side))
-    root = Known(u + move, inverse, side, t, moved)
-    return Nearby(observed + seen_by_u @ move, seen_by_t + seen_by_u @ moved, root, good, count)
+    (residual, observed), (by_u, seen_by_u), told = value_and_jacobian(lambda u: equations(u, t), u, has_aux=True)
+    _, (by_t, seen_by_t), _ = value_and_jacobian(lambda t: equations(u, t), t, has_aux=True)
+    is_old = (known.side == 0) | (last > NEAR) | (count > KEPT)
+    right = -jnp.concatenate([residual[:, None], by_t], axis=1)
+    moves, side, inverse = solve_and_renew(by_u, right, known.inverse, is_old)
+    move, moved = moves[:, 0], moves[:, 1:]
+    is_root = jnp.max(jnp.abs(move) / (1 + jnp.abs(u))) <= NEAR
+    asked = jnp.where((known.side == 0) & is_root, side, known.side)
+    root = Known(u + move, inverse, asked, t, moved)
+    good = is_root & (side == asked)
+    return Nearby(observed + seen_by_u @ move, seen_by_t + seen_by_u @ moved, root, good, count, told)
 
 
 def root_by_chords(
     equations: Equations, t: Float[Array, " m"], known: Known
-) -> tuple[Float[Array, " q"], Float[Array, " n"], Bool[Array, ""]]:
-    """(what is observed, the root, whether it is one) with the Jacobian of the known root alone, without derivatives.
+) -> tuple[Float[Array, " q"], Float[Array, " n"], Bool[Array, ""], Any]:
+    """(what is observed, the root, whether it is one, what else the equations say there) with the Jacobian of the known
+    root alone, without derivatives.
 
     The last move is below LAST. Where moves shrink by CONTRACTION each, the eigenvalues of the kept inverse times the
     Jacobian at the root are within CONTRACTION of 1 (in all directions that the moves have), so that the determinant
@@ -96,7 +107,8 @@ def root_by_chords(
     u, size, _ = _by_chords(equations, t, known, LAST)
     # A state whose Jacobian is not known (zeros) does not move, and is no root.
     good = (size <= LAST) & (known.side != 0)
-    return equations(u, t)[1], u, good
+    (_, observed), told = equations(u, t)
+    return observed, u, good, told
 
 
 def _by_chords(
@@ -106,7 +118,8 @@ def _by_chords(
 
     def chord(state):
         u, last, _, count = state
-        move = known.inverse @ equations(u, t)[0]
+        (residual, _), _ = equations(u, t)
+        move = known.inverse @ residual
         size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
         shrinks = size <= CONTRACTION * last
         return jnp.where(shrinks, u - move, u), size, shrinks & (size > enough), count + 1

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jax.scipy.linalg import lu_factor, lu_solve
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .batching import in_turn, one_at_a_time
 
@@ -79,6 +79,47 @@ def _by_lapack(rows: Float[Array, "n m"]) -> tuple[Float[Array, "n k"], Float[Ar
     factors, pivots, _ = lax.linalg.lu(rows)
     x = lax.linalg.triangular_solve(factors[:, :n], factors[:, n:], left_side=True, lower=False)
     return x, jnp.diagonal(factors), pivots
+
+
+@custom_vmap
+def solve_and_renew(
+    matrix: Float[Array, "n n"], right: Float[Array, "n k"], inverse: Float[Array, "n n"], wanted: Bool[Array, ""]
+) -> tuple[Float[Array, "n k"], Float[Array, ""], Float[Array, "n n"]]:
+    """`solve_and_sign`, and the inverse of the matrix: a new one where that is wanted, which takes twice the time with
+    many unknowns, else the one that is given (in a batch it may be new all the same)."""
+    x, inverse, diagonal, pivots = _renewed(matrix, right, inverse, wanted)
+    return x, _sign(diagonal, pivots), inverse
+
+
+def _renewed(matrix, right, inverse, wanted) -> tuple[Array, Array, Array, Array]:
+    """(x, inverse, the diagonal of the factors, the rows that were swapped)."""
+    n, k = right.shape
+
+    def anew(_):
+        x, *signs = _by_lapack(jnp.concatenate([matrix, right, jnp.eye(n, dtype=matrix.dtype)], axis=1))
+        return x[:, :k], x[:, k:], *signs
+
+    def kept(inverse):
+        x, *signs = _by_lapack(jnp.concatenate([matrix, right], axis=1))
+        return x, inverse, *signs
+
+    return lax.cond(wanted, anew, kept, inverse)
+
+
+@solve_and_renew.def_vmap
+def _renewed_of_batch(size, is_batched, *given):
+    """On a CPU, where LAPACK takes one member after the other, each has its own choice."""
+    matrix, right, inverse, wanted = (
+        v if batched else jnp.broadcast_to(v, (size, *jnp.shape(v)))
+        for v, batched in zip(given, is_batched, strict=True)
+    )
+    n, k = right.shape[1:]
+    if n > ELIMINATED and one_at_a_time():
+        x, inverse, *signs = lax.map(lambda one: _renewed(*one), (matrix, right, inverse, wanted))
+        return (x, jax.vmap(_sign)(*signs), inverse), (True, True, True)
+    unit = jnp.broadcast_to(jnp.eye(n, dtype=matrix.dtype), (size, n, n))
+    x, sign = jax.vmap(solve_and_sign)(matrix, jnp.concatenate([right, unit], axis=2))
+    return (x[:, :, :k], sign, x[:, :, k:]), (True, True, True)
 
 
 def by_square_factors(

@@ -7,6 +7,7 @@ import pytest
 
 from softgrip_jax.numerics.nearby import (
     CHORDS,
+    KEPT,
     NEAR,
     Known,
     fold_nearby,
@@ -19,7 +20,8 @@ from softgrip_jax.numerics.nearby import (
 
 def bent(u, t):
     """u0^2 = t0, u1 = t1 u0; what is observed is u0 u1 and u1 + t0."""
-    return jnp.stack([u[0] ** 2 - t[0], u[1] - t[1] * u[0]]), jnp.stack([u[0] * u[1], u[1] + t[0]])
+    residual, observed = jnp.stack([u[0] ** 2 - t[0], u[1] - t[1] * u[0]]), jnp.stack([u[0] * u[1], u[1] + t[0]])
+    return (residual, observed), 3 * u
 
 
 def closed(t):
@@ -34,7 +36,7 @@ T = jnp.array([1.0, 2.0])
 
 def known_at(t, side=1.0):
     _, u = closed(t)
-    inverse = jnp.linalg.inv(jax.jacfwd(lambda u: bent(u, t)[0])(u))
+    inverse = jnp.linalg.inv(jax.jacfwd(lambda u: bent(u, t)[0][0])(u))
     return Known(u, inverse, jnp.asarray(side), t, jnp.zeros((2, 2)))
 
 
@@ -59,10 +61,12 @@ def test_a_root_next_door_with_its_slopes(t):
     np.testing.assert_allclose(found.observed, observed, rtol=1e-13)
     np.testing.assert_allclose(found.known.u, u, rtol=1e-13)
     np.testing.assert_allclose(found.slopes, jax.jacfwd(lambda t: closed(t)[0])(t), rtol=1e-6)
-    observed, u, good = chords(t, known_at(T))
+    np.testing.assert_allclose(found.told, 3 * u, rtol=3 * NEAR)
+    observed, u, good, told = chords(t, known_at(T))
     assert good
     np.testing.assert_allclose(u, closed(t)[1], rtol=1e-9)
-    np.testing.assert_array_equal(observed, bent(u, t)[1])
+    np.testing.assert_array_equal(observed, bent(u, t)[0][1])
+    np.testing.assert_array_equal(told, 3 * u)
 
 
 def test_a_slope_leads_on():
@@ -76,6 +80,24 @@ def test_a_slope_leads_on():
     # With an inverse of zero nothing is corrected but by the prediction: Euler's step, off by t0'' h^2 / 2.
     led = chords(T + along, found._replace(inverse=jnp.zeros((2, 2))))[1]
     np.testing.assert_allclose(led, closed(T)[1] + found.moved @ along, rtol=1e-15)
+
+
+def test_an_inverse_serves_the_next_roots_until_the_moves_are_many():
+    for t, is_kept in (((1 + 1e-4, 2.0), True), ((1.3, 2.0), False)):
+        found = near(jnp.array(t), known_at(T))
+        assert found.good
+        assert (found.count <= KEPT) == is_kept
+        of = T if is_kept else jnp.array(t)
+        np.testing.assert_allclose(found.known.inverse, known_at(of).inverse, rtol=1e-6)
+        np.testing.assert_allclose(found.slopes, jax.jacfwd(lambda t: closed(t)[0])(jnp.array(t)), rtol=1e-6)
+        np.testing.assert_allclose(found.known.moved, jax.jacfwd(lambda t: closed(t)[1])(jnp.array(t)), rtol=1e-6)
+    # What has not come near enough begins with a new one.
+    lost = near(T, known_at(T)._replace(u=jnp.array([2.0, 2.0])))
+    assert not lost.good
+    assert not np.allclose(lost.known.inverse, known_at(T).inverse, rtol=0.01)
+    for _ in range(3):
+        lost = near(T, lost.known)
+    assert lost.good
 
 
 def test_the_last_correction_is_that_of_what_is_observed_too():
@@ -98,8 +120,10 @@ def test_the_side_tells_roots_apart():
     other = jnp.array([-1.0, -2.0])
     assert near(T, known_root(other, T)).known.side == -1
     for side, good in ((0.0, True), (-1.0, True), (1.0, False)):
-        known = known_root(other, T)._replace(side=jnp.asarray(side))
-        assert bool(near(T, known).good) == good
+        found = near(T, known_root(other, T)._replace(side=jnp.asarray(side)))
+        assert bool(found.good) == good
+        again = near(T, found.known)  # what is no answer once is none the next time
+        assert bool(again.good) == good
 
 
 def test_chords_alone_need_a_jacobian():
@@ -114,19 +138,19 @@ def straight(share, t, u):
     known = Known(u[None], share * jnp.ones((1, 1)), jnp.asarray(1.0), t[None], jnp.zeros((1, 1)))
 
     def equations(u, t):
-        return u - t, 3 * u
+        return (u - t, 3 * u), None
 
     return root_nearby(equations, t[None], known), root_by_chords(equations, t[None], known)
 
 
 def test_moves_that_hardly_shrink_are_not_followed():
     """By 0.55 each: the second move is not made. By 0.45 each they all are, CHORDS of them and no more."""
-    found, (observed, u, good) = straight(0.45, 1e3, 1e3 + 1)
+    found, (observed, u, good, _) = straight(0.45, 1e3, 1e3 + 1)
     assert found.count == 2
     assert float(u[0]) == pytest.approx(1e3 + 0.55, rel=1e-12)
     assert float(observed[0]) == pytest.approx(3 * float(u[0]))
     assert not good
-    found, (_, u, good) = straight(0.55, 1e3, 1e3 + 1)
+    found, (_, u, good, _) = straight(0.55, 1e3, 1e3 + 1)
     assert found.count == CHORDS == 12
     assert float(u[0]) - 1e3 == pytest.approx(0.45**12, rel=1e-6)
     assert not good
@@ -135,7 +159,7 @@ def test_moves_that_hardly_shrink_are_not_followed():
 @pytest.mark.parametrize("size", [1.0, 1e6, -1e6])
 def test_moves_end_below_their_bounds_which_are_relative(size):
     """By 0.1 each from u = 2 size, the k-th move is 0.9 size / 10^(k-1), of 1 + size or so."""
-    found, (_, u, good) = straight(0.9, size, 2 * size)
+    found, (_, u, good, _) = straight(0.9, size, 2 * size)
     assert good
     last = 0.9 * abs(size) / (1 + abs(size))
     assert found.count == 1 + np.ceil(np.log10(last / 1e-7))

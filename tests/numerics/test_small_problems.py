@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from softgrip_jax.numerics.quadrature import between, gauss_points, integrals, remaining
-from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve, solve_and_sign
+from softgrip_jax.numerics.small_linear import ELIMINATED, by_square_factors, solve, solve_and_renew, solve_and_sign
 from softgrip_jax.numerics.xla import cos_and_sin, differentiated_once, materialised
 
 
@@ -28,6 +28,27 @@ def test_lanes_of_linear_equations_and_the_sign_of_their_determinants(n):
     assert its_sign == sign[0]
     same, _ = jax.jit(jax.vmap(solve_and_sign, (None, 0)))(matrices[0], right)
     np.testing.assert_allclose(same[0], one, rtol=1e-9)
+
+
+@pytest.mark.parametrize("n", [3, ELIMINATED + 5])
+def test_an_inverse_is_renewed_where_that_is_wanted(n):
+    """In a batch of few unknowns it is always a new one."""
+    random = np.random.default_rng(n)
+    matrices, right = random.normal(size=(9, n, n)), random.normal(size=(9, n, 2))
+    matrices[::3, 0, 0] = 0
+    old, wanted = random.normal(size=(9, n, n)), np.arange(9) % 2 == 0
+    expected, sign = jax.jit(jax.vmap(solve_and_sign))(matrices, right)
+    x, its_sign, inverse = jax.jit(jax.vmap(solve_and_renew))(matrices, right, old, wanted)
+    np.testing.assert_allclose(x, expected, rtol=1e-9)
+    np.testing.assert_array_equal(its_sign, sign)
+    new = wanted if n > ELIMINATED else np.ones(9, bool)
+    np.testing.assert_allclose(inverse[new], np.linalg.inv(matrices[new]), rtol=1e-8, atol=1e-10)
+    np.testing.assert_array_equal(inverse[~new], old[~new])
+    for k in (0, 1):
+        x, its_sign, inverse = jax.jit(solve_and_renew)(matrices[k], right[k], old[k], wanted[k])
+        np.testing.assert_allclose(x, expected[k], rtol=1e-9)
+        assert its_sign == sign[k]
+        np.testing.assert_allclose(inverse, np.linalg.inv(matrices[k]) if wanted[k] else old[k], rtol=1e-8, atol=1e-10)
 
 
 @pytest.mark.parametrize(("n", "k"), [(2, 1), (ELIMINATED + 5, 2), (ELIMINATED + 1, ELIMINATED + 1)])

@@ -37,18 +37,18 @@ class Case:
         def near(a, known):
             def equations(u, t):
                 residual, solution = state_at(make(t[0]), at, u)
-                return residual, solution.observables[name][None]
+                return (residual, solution.observables[name][None]), solution
 
             found = root_nearby(equations, jnp.asarray(a)[None], known)
-            covered = is_covered(make(a), at, state_at(make(a), at, found.known.u)[1])
+            covered = is_covered(make(a), at, found.told)
             return found.observed[0], found.slopes[0, 0], found.good & covered, found.known
 
         def by_chords(a, known):
             def equations(u, t):
                 residual, solution = state_at(make(t[0]), at, u)
-                return residual, solution.observables[name][None]
+                return (residual, solution.observables[name][None]), None
 
-            observed, _, good = root_by_chords(equations, jnp.asarray(a)[None], known)
+            observed, _, good, _ = root_by_chords(equations, jnp.asarray(a)[None], known)
             return observed[0], good
 
         self.by_chords = jax.jit(by_chords)

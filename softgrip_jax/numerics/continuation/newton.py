@@ -60,9 +60,12 @@ def newton_from(guess: Vector) -> NewtonIteration:
     return NewtonIteration(guess, far, far, jnp.asarray(0))
 
 
-def value_and_jacobian(function: Callable[[Vector], Any], u: Vector) -> tuple[Any, Any]:
-    """function(u), vectors or scalars, and their Jacobians, with the function's own work done once."""
-    return jax.vmap(lambda v: jax.jvp(function, (u,), (v,)), out_axes=(None, -1))(jnp.eye(u.shape[0], dtype=u.dtype))
+def value_and_jacobian(function: Callable[[Vector], Any], u: Vector, has_aux: bool = False) -> tuple[Any, ...]:
+    """function(u), vectors or scalars, and their Jacobians, with the function's own work done once. has_aux: as of
+    `jax.jvp`, where function(u) is a pair, of which the second part comes last, as it is."""
+    axes = (None, -1, None) if has_aux else (None, -1)
+    columns = jnp.eye(u.shape[0], dtype=u.dtype)
+    return jax.vmap(lambda v: jax.jvp(function, (u,), (v,), has_aux=has_aux), out_axes=axes)(columns)
 
 
 class Local(NamedTuple):
