@@ -521,7 +521,7 @@ def test_what_the_free_membrane_never_reaches_is_never_touched():
 
 
 def test_a_membrane_that_locks_is_looked_at_up_to_the_largest_load():
-    """Loads from 40 mu t_m / a on were left out, and the last one before was where an object out of reach was touched."""
+    """From 40 mu t_m / a on none were; and the last one before was where an object out of reach was touched."""
     locking = sg.FlatShell(a=16 * mm, b=30 * mm, t_m=1.1 * mm, material=sg.Gent(mu=175 * kPa, j_m=5.0))
     free = dataclasses.replace(sg.shell.Free(locking, model="energy").prepared(), **SMALL)
     pressure = 45 * locking.pressure_scale()
