@@ -436,13 +436,14 @@ def _chamber(scene: pneunet.Chamber) -> Iterator[LadderModel]:
 
 def _shell(scene: ShellScene) -> Iterator[LadderModel]:
     if type(scene) is shell.Free:
-        yield LadderModel(shell.Plate(scene.shell), ("large strains",), "explicit", 1.0)
+        plate = shell.Plate(scene.shell, ignored_rules=scene.ignored_rules)  # pyright: ignore[reportCallIssue]
+        yield LadderModel(plate, ("large strains",), "explicit", 1.0)
     if scene.model == "arc":
         yield LadderModel(scene, (), "one angle", SHELL_COST)
         return
     arc = dataclasses.replace(scene, model="arc")
     yield LadderModel(arc, ("the membrane's own shape (arcs instead)",), "one angle", SHELL_COST)
-    yield from _energy(scene.energy_scene())
+    yield from _energy(scene.prepared())
 
 
 def _energy(scene: Any) -> Iterator[LadderModel]:

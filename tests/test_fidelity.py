@@ -218,6 +218,17 @@ def test_ladders_of_every_kind_are_ordered_and_complete():
     assert len(fidelity.model_ladder(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1
 
 
+def test_every_model_ignores_the_rules_that_its_scene_ignores():
+    """Energy membranes had them all: of a scene that broke one no model had a value."""
+    ignored = ("membrane_above_clamp", "membrane_clear_at_rest")
+    for scene in (
+        sg.shell.Free(shell(), model="energy", ignored_rules=ignored),
+        sg.shell.FlatContact(shell(), distance=5 * mm, model="energy", ignored_rules=ignored),
+    ):
+        ladder = fidelity.model_ladder(scene, [])
+        assert {model.scene.ignored_rules for model in ladder} == {ignored}
+
+
 def test_a_pressure_and_a_target_are_two_questions():
     """The target had no part in the answer."""
     with pytest.raises(InputError, match="got a pressure and a target"):

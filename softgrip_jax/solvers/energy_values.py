@@ -38,8 +38,10 @@ def onset(method: Any, scene: Any) -> Scalar:
         return -jnp.min(scene.functional.gaps(free_unknowns, scene))
 
     sought = seek(method, frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
-    found, never = sought.found, sought.ended & (sought.found.status == Status.BEYOND_LIMIT)
-    ok = found.status == Status.OK
+    found, within = sought.found, sought.found.status == Status.OK
+    # The last state that was looked at is one, too, where the membrane holds all pressures and stays away.
+    never = sought.ended & (within | (found.status == Status.BEYOND_LIMIT))
+    ok = within & ~sought.ended
     scene, free = stop_gradient_where_failed(ok, (scene, free))
 
     def equation(scaled, args):
@@ -82,13 +84,14 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
         low, high = jnp.where(below, load, low), jnp.where(below, high, load)
         part = low_value / (low_value - high_value)
         inside = low + (high - low) * jnp.where(jnp.isfinite(part), part, 0.5)
-        next_load = jnp.where(jnp.isfinite(high), inside, GROWTH * load)
+        further = jnp.where(load < LARGEST_LOAD, jnp.minimum(GROWTH * load, LARGEST_LOAD), jnp.inf)
+        next_load = jnp.where(jnp.isfinite(high), inside, further)
         kept = jax.tree.map(lambda a, b: jnp.where(below, a, b), tuple(after), (start, start_load, slope))
         return *kept, low, low_value, high, high_value, next_load, new_side, (found, value), count + 1
 
     def busy(state):
         low, high, load, (_, value), count = state[3], state[5], state[7], state[9], state[10]
-        open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (load < LARGEST_LOAD)
+        open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (load <= LARGEST_LOAD)
         near_end = jnp.isnan(value) & jnp.isfinite(high) & (high - low < END_KNOWN * high)
         return ~(jnp.abs(value) <= MEETS) & open_ & ~near_end & (count < SEEK_STEPS)
 
@@ -104,7 +107,7 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
     last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
     (low, high, load), (found, value) = (last[3], last[5], last[7]), last[9]
     end = jnp.where(jnp.isfinite(high) & jnp.isnan(value), low**3 * unit, jnp.nan)
-    return Sought(found, value, jnp.isnan(value) | (load >= LARGEST_LOAD), end)
+    return Sought(found, value, jnp.isnan(value) | (load > LARGEST_LOAD), end)
 
 
 def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:

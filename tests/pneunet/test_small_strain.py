@@ -180,6 +180,13 @@ def test_the_cell_law_stands_beside_it():
         HELD(A, drive="small")
 
 
+def test_what_is_told_of_a_drive_is_about_that_drive():
+    """Chambers without the root of (4.39), and those of a user, were said to give a quarter, too."""
+    for name in ("end_moment", "tip_force"):
+        assert "half" in model_error(HELD(A, moment_spread="none"), name)
+        assert model_error(HELD(A, drive=sg.pneunet.SmallStrainWalls()), name) == ""
+
+
 def test_walls_are_drawn_as_plates():
     from softgrip_jax.geometry import finger as drawn
 

@@ -520,6 +520,17 @@ def test_what_the_free_membrane_never_reaches_is_never_touched():
     assert float(pressed.detail) == pytest.approx(float(sg.limit_pressure(free)), rel=1e-4)
 
 
+def test_a_membrane_that_locks_is_looked_at_up_to_the_largest_load():
+    """From 40 mu t_m / a on none were; and the last one before was where an object out of reach was touched."""
+    locking = sg.FlatShell(a=16 * mm, b=30 * mm, t_m=1.1 * mm, material=sg.Gent(mu=175 * kPa, j_m=5.0))
+    free = dataclasses.replace(sg.shell.Free(locking, model="energy").prepared(), **SMALL)
+    pressure = 45 * locking.pressure_scale()
+    found = sg.pressure_for(free, inflation=sg.solve(free, pressure).inflation)
+    assert float(found.pressure) == pytest.approx(float(pressure), rel=1e-9)
+    far = sg.shell.ObstacleContact(locking, Plane(60 * mm), **SMALL)
+    assert np.isinf(float(sg.contact_pressure(far)))
+
+
 @pytest.mark.slow
 def test_every_lane_is_labelled():
     scene = small(Plane(5 * mm))

@@ -1,5 +1,7 @@
 """Published numbers of the flat shell, each with its source, and how far the model is from finite elements."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import reference as ref
@@ -138,3 +140,15 @@ def test_a_model_error_is_told_of_shells_like_that_of_the_finite_elements():
     assert told(material=sg.Gent(mu=175 * kPa, j_m=1.0)) == ""
     # Twice the modulus at twice the pressure is the same shape.
     assert told(material=sg.NeoHookean(mu=350 * kPa)) == PLANE["arc"] + ", 10 to 40 kPa"
+
+
+def test_a_model_error_is_told_of_the_energy_membrane_whose_error_it_is():
+    """Without bending the force on the plane was 4.3 % more, and "within 1.2 %" stood beside it."""
+    free = sg.shell.Free(shell(), model="energy")
+    plane = sg.shell.FlatContact(shell(), distance=5 * mm, model="energy")
+    for scene, name in ((free, "inflation"), (free, "limit_pressure"), (plane, "force")):
+        assert model_error(scene, name)
+        assert model_error(dataclasses.replace(scene, bending=False), name) == ""
+    usual = free.prepared()
+    assert model_error(usual, "inflation") == model_error(free, "inflation")
+    assert model_error(dataclasses.replace(usual, across=2, lengthwise=3), "inflation") == ""
