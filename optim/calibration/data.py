@@ -221,6 +221,12 @@ def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list
             if all(header.count(name) == 1 for name in names):
                 rest = [(n, next(csv.reader([text], delimiter=mark))) for n, text in lines[k + 1 :]]
                 return header, rest
+            twice = next((name for name in names if header.count(name) > 1), None)
+            if twice is not None and all(name in header for name in names):
+                raise ConfigError(
+                    f"{path}, line {lines[k][0]}: {header.count(twice)} columns are called {twice!r}; it must be one: "
+                    "give the others another name."
+                )
     found = " ".join(lines[0][1].split())[:60]
     wanted = " and ".join(map(repr, names))
     raise ConfigError(f"{path}: there is no header line with the columns {wanted}; the first line is {found!r}.")

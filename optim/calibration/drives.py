@@ -31,6 +31,17 @@ NOISY = 2.0
 """Errors up to so many times a stated noise are the noise, however large a part of the range that is."""
 
 
+def misses(fit: Fit) -> dict[str, float]:
+    """Of every fitted curve: the RMS error as a part of its range; 0 where that is the stated noise."""
+    found = {}
+    for k, curve in enumerate(fit.fitting.curves):
+        if curve.fit:
+            error = fit.rmse(k)
+            is_noise = curve.noise is not None and error <= NOISY * curve.noise
+            found[curve.name] = 0.0 if is_noise else error / (float(np.ptp(curve.y)) or curve.size)
+    return found
+
+
 class Rival(NamedTuple):
     """A fit, and that of the same curves by the other drive of the fingers."""
 
@@ -48,14 +59,8 @@ class Rival(NamedTuple):
         return self.drives[int(other > one)]
 
     def misses(self, drive: str) -> dict[str, float]:
-        """By a drive, of every fitted curve: the RMS error as a part of its range; 0 where that is the stated noise."""
-        fit, found = self.fits[self.drives.index(drive)], {}
-        for k, curve in enumerate(fit.fitting.curves):
-            if curve.fit:
-                error = fit.rmse(k)
-                is_noise = curve.noise is not None and error <= NOISY * curve.noise
-                found[curve.name] = 0.0 if is_noise else error / (float(np.ptp(curve.y)) or curve.size)
-        return found
+        """`misses` of the fit by a drive."""
+        return misses(self.fits[self.drives.index(drive)])
 
     @property
     def nearer(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 from scipy import stats
 
-from softgrip_jax.pneunet.drives import sentence_of
+from softgrip_jax.pneunet.drives import sentence_of, with_other_drive
 from softgrip_jax.progress import Tell, silent
 from softgrip_jax.results import in_units
 from softgrip_jax.spread import Spread
@@ -19,7 +19,7 @@ from softgrip_jax.units import DISPLAY
 
 from .cross_validation import UNLIKELY, Specimens, by_specimen, held_out
 from .data import Curve
-from .drives import Rival, by_other_drive
+from .drives import FOLLOWED, Rival, by_other_drive, misses
 from .fit import Fit, implausible
 from .identifiability import Direction, unknown_directions
 from .intervals import Intervals, intervals
@@ -230,6 +230,13 @@ def misfit(fit: Fit) -> list[str]:
         count = int((fit.used & (fit.fitting.of_curve == k)).sum())
         if not curve.fit or count == 0:
             continue
+        share = misses(fit)[curve.name]
+        # Of a finger, whose other drive may explain the curve, the comparison of the two says it.
+        if share > FOLLOWED and with_other_drive(fit.fitting.given.scenes[curve.model]) is None:
+            said.append(
+                f"{curve.name}: the RMS error is {100 * share:.0f} % of the range of the curve, so the model does not "
+                "follow it; are the units and the columns right?"
+            )
         if curve.noise is not None and fit.fitting.loss == "linear":
             mean = fit.chi_square(k)
             freedom = max(count - fit.fitting.space.size, 1)

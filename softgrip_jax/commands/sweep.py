@@ -295,10 +295,10 @@ def run_sweep(config: Path, where: Where, console: Console) -> tuple[dict[str, A
     if where.to is not None and "://" not in where.to and Path(where.to).suffix != ".zarr":
         raise ConfigError(f"--to is {where.to!r}; it must be a path that ends in .zarr, or an address (s3://...).")
     processes = where.workers or (UNKNOWN_PROCESSES if where.scheduler else 1)
-    refuse_what_cannot_end(study, place, where.csv, processes, f"{config}, [sweep]")
     for wanted in (folder, None if "://" in address_of(place) else Path(address_of(place))):
         if wanted is not None:
             check_folder(wanted)
+    refuse_what_cannot_end(study, place, where.csv, processes, f"{config}, [sweep]")
     inputs = {} if folder is None else _inputs(config)
     if folder is not None and where.to is not None:
         _refuse_another_run(folder, inputs, Path(address_of(place)))

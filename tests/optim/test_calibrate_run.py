@@ -206,6 +206,7 @@ HEADER = "p,h\n"
         ("p,h\n2,5,5,794\n", "line 2: there are 4 cells, and the header has 2; write decimals with a point"),
         (HEADER + "10,-3\n12,-4\n13,-5\n", "inflation has the other sign than the model's at the values as given"),
         ("pressure,h\n5,7\n", "there is no header line with the columns 'p' and 'h'"),
+        ("p,h,h\n5,7,8\n6,8,9\n7,9,9\n", "line 1: 2 columns are called 'h'; it must be one: give the others another"),
         (HEADER + "-5,7\n6,8\n7,9\n", "a pressure of curve 'free' is -5 kPa; gauge pressures are zero or more"),
     ],
 )
@@ -215,6 +216,14 @@ def test_bad_data_is_one_sentence_and_nothing_is_written(data, sentence, tmp_pat
     assert sentence in said
     assert said.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {"data.csv", "fit.toml"}
+
+
+def test_a_curve_that_the_model_does_not_follow_is_said(tmp_path, capsys):
+    """Inflations in the wrong order, too few to tell errors of the model by their neighbours."""
+    rows = "2.5,11.5\n5,9.7\n7.5,7.9\n10,5.8\n"
+    assert run(["calibrate", str(written(tmp_path, HEADER + rows)), "--out", str(tmp_path / "out")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "% of the range of the curve, so the model does not follow it; are the units and the columns right?" in said
 
 
 def test_a_fit_on_the_smaller_part_of_the_points_determines_nothing(tmp_path, capsys):

@@ -110,6 +110,17 @@ def test_a_plane_that_leans_by_nothing_is_a_plane():
     np.testing.assert_allclose([two.contact_half_width, two.contact_half_length], ellipse * np.sqrt(0.75), rtol=1e-6)
 
 
+def test_a_sheet_is_drawn_no_thicker_next_to_its_clamp():
+    """Under a leaning plane polynomials leave next to no area in a strip at the clamp, drawn 11 times as thick."""
+    square = sg.FlatShell(a=16 * mm, b=16 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    leaning = sg.shell.InclinedContact(square, distance=5 * mm, angle=np.deg2rad(10), model="energy")
+    solution = sg.solve(leaning, 15 * kPa)
+    shape = {name: np.asarray(values) for name, values in solution.shape(301).items()}
+    for across, up in (("x", "z"), ("y", "z_length")):
+        lifted = shape[f"{up}_face"] - shape[up] + 0.55 * mm
+        assert np.hypot(shape[f"{across}_face"] - shape[across], lifted).max() < 1.51 * 0.55 * mm
+
+
 def test_half_sides_of_an_even_pressure_on_a_rectangle():
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(-3, 3, 601), np.linspace(-0.5, 0.5, 101), indexing="ij"))
     even = np.full(len(x), 1 / len(x))

@@ -697,6 +697,16 @@ def test_a_study_that_cannot_end_is_refused_at_once(config, tmp_path, capsys, mo
     assert not out.exists()
 
 
+def test_a_folder_that_cannot_be_made_is_said_before_a_disk_without_room(config, tmp_path, capsys, monkeypatch):
+    """What takes no file has no room either: /proc, an image that is mounted to be read."""
+    small(config, tmp_path)
+    (tmp_path / "file").touch()
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda place: usage._replace(free=0))
+    assert run(["sweep", str(config), "--out", str(tmp_path / "file" / "study")]) == 2
+    assert "cannot be made" in capsys.readouterr().err
+
+
 def test_a_grid_has_more_designs_than_a_machine_counts():
     assert Grid([np.arange(1e6)] * 4).count == 10**24
 

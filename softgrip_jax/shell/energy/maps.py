@@ -21,6 +21,9 @@ LARGEST_GAP = 2.0
 take what polynomials smear over the contact's edge."""
 PRESSED = 0.05
 """A map shows contact where its mean presses at least so much of what the air does."""
+THICKEST = 1.5
+"""A sheet is drawn no thicker than so many times its thickness at rest: next to a clamp polynomials may leave a strip
+of next to no area, and a wrinkled sheet folds in place of growing thicker."""
 
 
 def _larger(trace: Array, determinant: Array) -> Array:
@@ -76,7 +79,8 @@ def places(scene: Any, y: Vector, points: Any) -> Float[Array, "m 3"]:
 
 def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     """x, z across the width at the middle, y, z_length along the length, m: the middle surface. With `_face` the outer
-    face, which touches, seen from where it is at rest, as objects are placed: half the thickness above the middle."""
+    face, which touches, seen from where it is at rest, as objects are placed: half the thickness above the middle, as
+    THICKEST allows."""
     line, zero = np.linspace(-1, 1, n), np.zeros(n)
     shell = scene.shell
     found = {}
@@ -86,7 +90,9 @@ def profile(scene: Any, unknowns: Vector, n: int) -> dict[str, Array]:
     ):
         e = scene.functional.deformed_at(unknowns, at_points(scene.grid, points))
         at = _strains(scene, e, points)[0]
-        faces = jax.vmap(lambda at: at.face(shell.t_m / shell.a))(at)
+        ratio = jnp.maximum(jnp.linalg.norm(at.normal, axis=1, keepdims=True), LEAST_ROOT)
+        drawn = at._replace(normal=at.normal * jnp.maximum(1.0, 1 / (THICKEST * ratio)))
+        faces = jax.vmap(lambda at: at.face(shell.t_m / shell.a))(drawn)
         for name, component in zip(names, (axis, 2), strict=True):
             found[name] = shell.a * at.place[:, component]
             found[f"{name}_face"] = shell.a * faces[:, component]
