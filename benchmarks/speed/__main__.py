@@ -20,7 +20,7 @@ from . import gpu_part, measure
 ROOT = Path(__file__).resolve().parent.parent.parent
 TOGETHER = (
     *("fingers", "fidelity", "peers", "scenes", "shells", "models"),
-    *("energy", "methods", "hard", "drives", "elastica"),
+    *("energy", "methods", "arcs", "hard", "drives", "elastica"),
 )
 """Longest first."""
 ALONE = ("explorer", "start")

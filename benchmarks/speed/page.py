@@ -300,6 +300,14 @@ def _models(tables: Tables, told: dict[str, Any]) -> list[str]:
     return grid(["quantity", "unit", "finite elements", "thesis", "better", "which is"], body)
 
 
+def _arcs(tables: Tables, told: dict[str, Any]) -> list[str]:
+    body = [
+        [row["quantity"], f"{row['shells']:g}", *(f"{100 * row[name]:+.0f} %" for name in ("low", "median", "high"))]
+        for row in tables["arcs"]
+    ]
+    return grid(["quantity", "shells", "5 in 100 are below", "median", "5 in 100 are above"], body)
+
+
 def _energy(tables: Tables, told: dict[str, Any]) -> list[str]:
     rows = tables["energy"]
     errors = [name for name in rows[0] if name.startswith("error_")]
@@ -441,6 +449,7 @@ TABLES: dict[str, tuple[Callable[[Tables, Any], list[str]], tuple[str, ...]]] = 
     "start": (_start, ("start",)),
     "fidelity": (_fidelity, ("fidelity",)),
     "models": (_models, ("models",)),
+    "arcs": (_arcs, ("arcs",)),
     "hard": (_hard, ("hard",)),
     "energy": (_energy, ("energy",)),
     "drives": (_drives, ("drives",)),

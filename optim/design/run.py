@@ -24,8 +24,9 @@ from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
+from softgrip_jax.model_error import of_shell
 from softgrip_jax.progress import counted, stages
-from softgrip_jax.quantities import AT_REST, solution_at
+from softgrip_jax.quantities import AT_REST, REQUIRED, solution_at
 from softgrip_jax.quantities import shown as in_words
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import Status, in_units
@@ -381,6 +382,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
+    told += _errors_of_shells(problem, result.best.x)
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
@@ -390,6 +392,17 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
     console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved ({times})", soft_wrap=True)
+
+
+def _errors_of_shells(problem: Problem, x: Any) -> list[str]:
+    """How far the models of a design's shells are from finite elements, in what is asked of them."""
+    sentences = []
+    for name, scene in problem.scenes_at(x).items():
+        asked = [q for q in problem.quantities if q.scene == name and q.along is None]
+        names = dict.fromkeys(q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED)
+        scene_is = f"{name}: " if len(problem.space.scenes) > 1 else ""
+        sentences += [f"{scene_is}{sentence}" for sentence in of_shell(scene, names)]
+    return sentences
 
 
 def _batch(result: SearchResult) -> str:

@@ -39,6 +39,7 @@ def run_solve(
     """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
     from .. import config as configs
     from ..fidelity import against_elements, choose
+    from ..model_error import model_error, of_shell
     from ..pneunet.drives import with_other_drive
 
     if plot is not None:
@@ -74,6 +75,9 @@ def run_solve(
             typer.echo(choice)
         for name, near in verified.items() if choice is None else ():
             typer.echo(f"{name.replace('_', ' ')}: {near}")
+        if choice is None and int(solution.status) == 0:
+            for sentence in of_shell(given, [name for name in _told(given, asked) if name not in verified]):
+                Console().print(sentence, soft_wrap=True, markup=False)
     beside = None
     if other is not None and other_solved is not None and int(solution.status) == 0:
         with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'):
@@ -82,6 +86,9 @@ def run_solve(
         chosen = {"fidelity": choice.as_data()} if choice is not None else {}
         if verified:
             chosen |= {"verified": {name: near.as_data() for name, near in verified.items()}}
+        known = {name: model_error(given, name) for name in _told(given, asked)} if int(solution.status) == 0 else {}
+        if any(known.values()):
+            chosen |= {"model_error": {name: words for name, words in known.items() if words}}
         if beside is not None:
             chosen |= {"other_drive": {"drive": beside.scene.drive} | as_data(beside)}
         typer.echo(json.dumps(as_data(solution) | chosen, indent=2, allow_nan=False))
@@ -97,6 +104,11 @@ def run_solve(
         write_whole(plot, draw(solution).savefig)
         tell_file("The picture", plot, as_json)
     return True
+
+
+def _told(scene: Any, asked: Mapping[str, Any]) -> list[str]:
+    """The numbers of a solution that a model finds: a pressure that the scene requires, too."""
+    return [*scene.prepared().OBSERVABLES, *([] if asked else ["pressure"])]
 
 
 def _share(text: str) -> float:

@@ -54,10 +54,13 @@ def test_json_is_si_with_null_for_what_is_not_a_number(capsys):
     assert data["units"]["force"] == "N"
     assert data["units"]["contact_half_width"] == "m"
     assert 0 < data["observables"]["contact_half_width"] < 16e-3
+    assert set(data["model_error"]) == {"force", "force_z"}
+    assert data["model_error"]["force"].startswith("31 to 67 % less than finite elements")
 
     code, beyond = solved(capsys, CONFIGS / "shell_cylinder.toml", "--pressure-kPa", "500")
     assert (code, beyond["status"]) == (NO_ANSWER, "BEYOND_LIMIT")
     assert set(beyond["observables"].values()) == {None}
+    assert "model_error" not in beyond
     assert math.isfinite(beyond["pressure"])
 
 
@@ -70,6 +73,7 @@ def test_report_for_people(capsys):
     assert lines["pressure"] == "15 kPa"
     number, unit = lines["force z"].split()
     assert (float(number), unit) == (pytest.approx(5.74, rel=5e-3), "N")
+    assert out.splitlines()[-1].startswith("force, force z: 31 to 67 % less than finite elements, 5 to 15 kPa.")
 
     assert run(["solve", str(CONFIGS / "shell_cylinder.toml"), "--pressure-kPa", "500"]) == NO_ANSWER
     out, err = capsys.readouterr()

@@ -47,7 +47,7 @@ def test_a_small_sample_runs_and_is_right(tmp_path):
 @pytest.mark.parametrize(
     "part",
     [
-        *("fingers", "methods", "peers", "scenes", "models", "energy", "hard", "start", "fidelity"),
+        *("fingers", "methods", "peers", "scenes", "models", "arcs", "energy", "hard", "start", "fidelity"),
         *("gpu_same", "gpu_shells", "gpu_fingers", "gpu_energy", "gpu_search"),
     ],
 )
@@ -96,6 +96,8 @@ def test_reports_say_what_the_table_of_models_says(model, column):
     for sentence, quantity in (
         (model_error.FREE[model], "shell, free: inflation"),
         (model_error.PLANE[model], "shell on a plane: force"),
+        (model_error.CYLINDER[model], "shell on a cylinder: force"),
+        (model_error.LEANING[model], "shell on a leaning plane: force"),
         (model_error.LIMIT[model], "shell, free: largest pressure"),
     ):
         errors = [
@@ -112,6 +114,23 @@ def test_reports_say_what_the_table_of_models_says(model, column):
             assert {error > 0 for error in errors} == {"more" in sentence}
 
 
+def test_reports_say_what_the_table_of_random_shells_says():
+    """The sentences beside the numbers of shells by arcs hold what 5 of 100 are below and above, in percent."""
+    scenes = sg.shell.Free, sg.shell.FlatContact, sg.shell.InclinedContact, sg.shell.CylinderContact, sg.shell.Grasp
+    rows = rows_of("arcs")
+    assert len(rows) == len(scenes)
+    for row, scene in zip(rows, scenes, strict=True):
+        sentence = model_error.ARCS[scene][row["quantity"].rpartition(": ")[2]]
+        said = [int(number) for number in re.findall(r"(\d+)(?= to | %)", sentence)]
+        ends = sorted(abs(round(100 * float(row[end]))) for end in ("low", "high"))
+        if sentence.startswith("up to"):
+            assert said == ends[1:]
+            assert ends[0] <= 1
+        else:
+            assert said == ends
+        assert (float(row["median"]) > 0) == ("more" in sentence)
+
+
 def errors_of_models():
     """What the tables of the benchmark say, in percent, by the first words of a row and its model."""
     models = {(row["quantity"], row["at"]): row for row in rows_of("models")}
@@ -121,6 +140,8 @@ def errors_of_models():
             ("shell 32 x 86 x 1.1 mm, free: inflation", "shell, free: inflation", ("5", "15")),
             ("the same: largest pressure", "shell, free: largest pressure", ("",)),
             ("the same, on a plane 5 mm away: force", "shell on a plane: force", ("5", "10", "15", "20")),
+            ("the same, on a cylinder", "shell on a cylinder: force", ("5", "10", "15")),
+            ("shell 32 x 32 x 1.1 mm", "shell on a leaning plane: force", ("10", "15")),
             ("chamber wall on its neighbour: force", "chamber wall on its neighbour: force", ("28", "31")),
         ):
             if (words[:7], model) != ("chamber", "energy membrane"):  # another row, from 10 kPa on

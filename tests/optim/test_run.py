@@ -63,6 +63,12 @@ def test_the_folder_is_complete(finished):
     assert sorted(path.name for path in out.parent.iterdir()) == ["one", "small.toml"]
 
 
+def test_the_model_s_error_is_told_of_what_is_asked(finished):
+    printed = " ".join(finished[2].split())
+    assert "pressure: where it is the required one, 8 to " in printed
+    assert "force, force z" not in printed  # nobody asked
+
+
 def test_the_best_design_solves_to_the_reported_pressure(finished):
     _, out, _, _ = finished
     scene = configs.load(out / "best.toml").scene

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
-from softgrip_jax.model_error import PLANE, model_error
+from softgrip_jax.model_error import PLANE, model_error, of_shell
 from softgrip_jax.units import GRAVITY, degree, gram, kPa, mm
 
 NEO_175 = {"kind": ref.NEO, "mu": 175e3}
@@ -136,10 +136,31 @@ def test_a_model_error_is_told_of_shells_like_that_of_the_finite_elements():
     assert told(a=32, b=86, t_m=2.2, distance=10) == PLANE["arc"] + ", 5 to 20 kPa"
     assert told(a=18, b=48, t_m=1.2, distance=6).startswith(PLANE["arc"])
     assert told(a=10, b=30, t_m=2.5, distance=2) == ""
-    assert told(distance=8) == ""
+    assert told(distance=8).startswith("up to 29 % less than by the energy membrane")
+    assert told(distance=8, model="energy") == ""
     assert told(material=sg.Gent(mu=175 * kPa, j_m=1.0)) == ""
     # Twice the modulus at twice the pressure is the same shape.
     assert told(material=sg.NeoHookean(mu=350 * kPa)) == PLANE["arc"] + ", 10 to 40 kPa"
+
+
+FE_CYLINDER = {5.0: 0.9852, 10.0: 4.1097, 15.0: 8.8727}  # kPa: N, radius 20 mm, 5 mm away; `softgrip verify`
+FE_LEANING = {10.0: 0.3347, 15.0: 1.9986}  # kPa: N, a = b = 16 mm, 5 mm away, 10 degrees
+
+
+def test_model_error_on_a_cylinder_and_on_a_plane_that_leans():
+    rod = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
+    square = dataclasses.replace(shell(), b=shell().a)
+    leaning = sg.shell.InclinedContact(square, distance=5 * mm, angle=np.deg2rad(10))
+    for scene, true, low, high in ((rod, FE_CYLINDER, -0.67, -0.31), (leaning, FE_LEANING, -1.0, -0.89)):
+        errors = [float(sg.solve(scene, p * kPa).force) / force - 1 for p, force in true.items()]
+        assert (round(min(errors), 2), round(max(errors), 2)) == (low, high)
+        assert model_error(scene, "force").startswith(f"{-100 * high:.0f} to {-100 * low:.0f} % less than finite")
+    assert model_error(rod, "force_z") == model_error(rod, "force")
+    assert "required" in model_error(sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, mass=0.5), "pressure")
+    assert of_shell(rod, ["stretch"]) == []
+    assert of_shell(rod, ["force", "force_z"]) == [f"force, force z: {model_error(rod, 'force')}."]
+    held = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"))
+    assert of_shell(held, ["tip_force"]) == []  # both of its drives say it
 
 
 def test_a_model_error_is_told_of_the_energy_membrane_whose_error_it_is():
