@@ -257,8 +257,8 @@ class Scene(Checked):
         assert found.evaluated is not None
         ok = found.status == Status.OK
         scene = stop_gradient_where_failed(ok, self)
-        # What is observed of the scene alone, as a required force, is one number for a batch of pressures; its derivative
-        # passes `scene` and is a batch. JAX wants both alike.
+        # What is observed of the scene alone, as a required force, is one number for a batch of pressures; its
+        # derivative passes `scene` and is a batch. JAX wants both alike.
         values = jax.tree.map(lambda value: jnp.where(ok, value, value), found.evaluated[1])
         observed = with_derivatives_of(lambda args: args[0].observe(*args[1:]), values, (scene, unknowns, pressure))
         margins, status, reason, detail = self._after_rules(scene, unknowns, pressure, found)

@@ -302,7 +302,7 @@ def header_of(text: str, name: str) -> list[str]:
                 if len(header) > 1 and not any(map(_is_value, header)):
                     return header
     raise ConfigError(
-        f"{name}: there is no header line with two names of columns above a line of numbers; write decimals with a point."
+        f"{name}: there is no header line with two names of columns above a line of numbers; decimals need a point."
     )
 
 

@@ -507,8 +507,8 @@ def check_moves(asked: SearchRequest, values: np.ndarray) -> None:
         value = f"{asked.observable.replace('_', ' ')} is {in_units(known[0], asked.kind)}"
         if asked.pressure is None:
             raise InputError(
-                f"{value} at the pressure that the task needs, whatever is ticked; choose another goal, the pressure for "
-                "instance, or untick the box below the menus and search at one pressure."
+                f"{value} at the pressure that the task needs, whatever is ticked; choose another goal, the pressure "
+                "for instance, or untick the box below the menus and search at one pressure."
             )
         raise InputError(f"{value}, and nothing that is ticked changes it; tick other numbers or choose another goal.")
 

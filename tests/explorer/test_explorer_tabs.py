@@ -309,17 +309,20 @@ def test_units_of_headings_are_those_of_their_kind():
         assert heading_of(name, "pressure") == (None, ""), name
 
 
+POINTS = "decimals need a point."
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (b"\xff\xfe\x00", "rig.csv: this is not a text file in UTF-8 (byte 0)."),
         (
             b"",
-            "rig.csv: there is no header line with two names of columns above a line of numbers; write decimals with a point.",
+            "rig.csv: there is no header line with two names of columns above a line of numbers; " + POINTS,
         ),
         (
             b"1,2\n3,4\n",
-            "rig.csv: there is no header line with two names of columns above a line of numbers; write decimals with a point.",
+            "rig.csv: there is no header line with two names of columns above a line of numbers; " + POINTS,
         ),
         (b"x" * (LARGEST + 1), "rig.csv: the file has 2,097,153 bytes; it may have 2,097,152 at most."),
     ],
