@@ -255,10 +255,12 @@ class Scene(Checked):
     def report_of(self, unknowns: Array, pressure: Scalar, found: Found) -> Solution:
         """The Solution of a verified point; `unknowns` and `pressure` carry the derivatives."""
         assert found.evaluated is not None
-        scene = stop_gradient_where_failed(found.status == Status.OK, self)
-        observed = with_derivatives_of(
-            lambda args: args[0].observe(*args[1:]), found.evaluated[1], (scene, unknowns, pressure)
-        )
+        ok = found.status == Status.OK
+        scene = stop_gradient_where_failed(ok, self)
+        # What is observed of the scene alone, as a required force, is one number for a batch of pressures; its
+        # derivative passes `scene` and is a batch. JAX wants both alike.
+        values = jax.tree.map(lambda value: jnp.where(ok, value, value), found.evaluated[1])
+        observed = with_derivatives_of(lambda args: args[0].observe(*args[1:]), values, (scene, unknowns, pressure))
         margins, status, reason, detail = self._after_rules(scene, unknowns, pressure, found)
         observables = mask(status, observed)
         return Solution(

@@ -61,6 +61,9 @@ from .pareto import NoFrontError
 AMPLE = 100.0
 """Room of a hundred bounds and more needs no number: a limit pressure that does not exist, for instance."""
 
+SEEN = 5e-5
+"""Less would be "broken by 0.00%"."""
+
 DISTANCE = "distance from the curve (rms)"
 """Of a shape that is followed, in the printed table."""
 
@@ -455,7 +458,7 @@ def _distance(followed: list[Goal], values: np.ndarray) -> float:
 def _room(violation: float) -> str:
     """What is left to a bound, relative to it."""
     if violation > FEASIBLE:
-        return f"broken by {violation:.2%}"
+        return f"broken by {violation:.2%}" if violation >= SEEN else f"broken by {violation:.1e} of it"
     if violation < -AMPLE:
         return "ample room"
     return "on it" if violation > -ACTIVE else f"room {-violation:.1%}"

@@ -301,7 +301,9 @@ def header_of(text: str, name: str) -> list[str]:
                 header = [cell for cell in head if cell and head.count(cell) == 1]
                 if len(header) > 1 and not any(map(_is_value, header)):
                     return header
-    raise ConfigError(f"{name}: there is no header line with two names of columns above a line of numbers.")
+    raise ConfigError(
+        f"{name}: there is no header line with two names of columns above a line of numbers; decimals need a point."
+    )
 
 
 def _is_number(cell: str) -> bool:

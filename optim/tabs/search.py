@@ -50,6 +50,8 @@ STEP_SECONDS = 0.025
 """A step takes so long at least. A shell's takes 5 ms, and a search that is over in half a second is not seen."""
 SHAPE_SECONDS = 1.0
 """Between two pictures of the best shape, which is solved for it."""
+SAME = 1e-9
+"""Values of the goal that differ by no more, relative to the largest, are one value."""
 UNANSWERED, BREAKING, KEEPING = 0, 1, 2
 """What is known of a design of the batch: no equilibrium; a limit or a rule is broken; all are kept."""
 COLOURS = {BREAKING: "#B8860B", KEEPING: BLUE}
@@ -239,7 +241,9 @@ class SearchTab:
         self.ticks = Ticks(page, "what may move")
         self.goal = pn.widgets.Select(name="goal", options=list(KINDS), value="maximise", width=120)
         self.observable = pn.widgets.Select(name="of", options=self._observables(), width=180)
-        if self.session.observable in self.observable.options:
+        if self.session.own_task and self.session.has_task:  # it fixes what a task asks for: the force of a grasp, say
+            self.goal.value, self.observable.value = "minimise", "pressure"
+        elif self.session.observable in self.observable.options:
             self.observable.value = self.session.observable
         self.target = pn.widgets.TextInput(name="target", width=100, visible=False)
         self.margin = pn.widgets.Checkbox(name=f"keep a limit margin of {MARGIN:g}", value=True)
@@ -382,6 +386,7 @@ class SearchTab:
             time.sleep(max(0.0, STEP_SECONDS - (time.monotonic() - drawn["step"])))
             drawn["step"] = now = time.monotonic()
             seen = batch[0]
+            check_moves(asked, seen.value)
             if now - drawn["points"] < POINTS_SECONDS and moving and step < STEPS:
                 return
             drawn["points"] = now
@@ -493,6 +498,19 @@ class SearchTab:
 def scene_at(problem: Problem, x: np.ndarray) -> Scene:
     """The scene of a design at SI values."""
     return problem.space.scenes_at(jnp.asarray(x))[SCENE]
+
+
+def check_moves(asked: SearchRequest, values: np.ndarray) -> None:
+    """InputError where the goal is the same at all designs of a batch: no search improves it."""
+    known = values[np.isfinite(values)]
+    if known.size > 1 and np.ptp(known) <= SAME * np.max(np.abs(known)):
+        value = f"{asked.observable.replace('_', ' ')} is {in_units(known[0], asked.kind)}"
+        if asked.pressure is None:
+            raise InputError(
+                f"{value} at the pressure that the task needs, whatever is ticked; choose another goal, the pressure "
+                "for instance, or untick the box below the menus and search at one pressure."
+            )
+        raise InputError(f"{value}, and nothing that is ticked changes it; tick other numbers or choose another goal.")
 
 
 def said_of(found: SearchResult, asked: SearchRequest, seconds: float) -> str:

@@ -119,6 +119,21 @@ def test_a_search_finds_what_optim_finds(page, monkeypatch):
     assert list(tab.ticks.boxes.value) == [WALL]
 
 
+def test_a_goal_that_the_task_fixes_is_no_goal():
+    """It searched for the largest force at the pressure that gives this force, to the end, and said "Done"."""
+    page = StubPage(plane())
+    page.session = Session(plane(), None, {"force": 4.0})
+    tab = SearchTab(page)
+    assert (tab.goal.value, tab.observable.value) == ("minimise", "pressure")
+    tab.ticks.boxes.value, tab.starts.value = [WALL], 8
+    tab.goal.value, tab.observable.value = "maximise", "force"
+    tab.run()
+    page.wait()
+    assert tab.found is None
+    assert tab.line.is_wrong
+    assert "force is 4 N at the pressure that the task needs, whatever is ticked; choose another" in tab.line.text
+
+
 def test_stop_keeps_the_best(page):
     tab = search_tab(page)
     seen = []
@@ -294,12 +309,21 @@ def test_units_of_headings_are_those_of_their_kind():
         assert heading_of(name, "pressure") == (None, ""), name
 
 
+POINTS = "decimals need a point."
+
+
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (b"\xff\xfe\x00", "rig.csv: this is not a text file in UTF-8 (byte 0)."),
-        (b"", "rig.csv: there is no header line with two names of columns above a line of numbers."),
-        (b"1,2\n3,4\n", "rig.csv: there is no header line with two names of columns above a line of numbers."),
+        (
+            b"",
+            "rig.csv: there is no header line with two names of columns above a line of numbers; " + POINTS,
+        ),
+        (
+            b"1,2\n3,4\n",
+            "rig.csv: there is no header line with two names of columns above a line of numbers; " + POINTS,
+        ),
         (b"x" * (LARGEST + 1), "rig.csv: the file has 2,097,153 bytes; it may have 2,097,152 at most."),
     ],
 )

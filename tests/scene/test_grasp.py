@@ -3,7 +3,9 @@
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import softgrip_jax as sg
@@ -148,3 +150,24 @@ def test_an_object_without_mass_or_radius_is_named():
         InputError, match=r"Heavy.radius_at cannot be differentiated by JAX \(line \d+ of test_grasp.py"
     ):
         Heavy(1.2, 8 * gram)
+
+
+def test_a_curve_over_pressure_of_a_grasp_has_slopes():
+    """The required force depends on the object alone: a batch of pressures has one of it, and a calibration to what a
+    gripper presses with ended in a trace-back of JAX."""
+    shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
+    grasp = sg.shell.Grasp(shell, radius=20 * mm, gap=5 * mm, mass=563 * gram, friction=0.96)
+    pressures = jnp.asarray([8.0, 10.0, 12.0]) * kPa
+
+    @jax.jit
+    def curve(factors):
+        changed = eqx.tree_at(
+            lambda g: (g.shell.material.mu, g.mass), grasp, (175 * kPa * factors[0], 563 * gram * factors[1])
+        )
+        sol = jax.vmap(lambda pressure: sg.solve(changed, pressure))(pressures)
+        return jnp.stack([sol.force, sol.required_force, sol.security])
+
+    now, step = jnp.ones(2), 1e-5
+    slopes = jax.jit(jax.jacfwd(curve))(now)
+    by_differences = [(curve(now.at[k].add(step)) - curve(now.at[k].add(-step))) / (2 * step) for k in range(2)]
+    np.testing.assert_allclose(slopes, jnp.stack(by_differences, axis=-1), rtol=1e-6, atol=1e-8)
