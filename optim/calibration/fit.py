@@ -29,7 +29,7 @@ from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT
 from ..space import to_free, to_unit
-from .model import FitMember, Fitted, Fitting, Predicted
+from .model import DETERMINED, FitMember, Fitted, Fitting, Predicted, leverage
 
 CONFIDENCE = 0.95
 """Confidence of every interval."""
@@ -102,13 +102,26 @@ class Fit:
         return int(self.used.sum()) - self.fitting.space.size
 
     @property
-    def quantile(self) -> float:
-        """Standard deviations on each side of an interval: Student's t where a noise is estimated, else normal."""
-        fitted = [k for k, c in enumerate(self.fitting.curves) if c.fit]
-        level = 0.5 + 0.5 * CONFIDENCE
-        if self.fitting.known[fitted].all():
-            return float(stats.norm.ppf(level))
-        return float(stats.t.ppf(level, max(self.freedom, 1)))
+    def quantile(self) -> np.ndarray:
+        """Standard deviations on each side of every parameter's interval, shape (n,)."""
+        return self.quantiles(np.eye(self.fitting.space.size))
+
+    def quantiles(self, along: np.ndarray) -> np.ndarray:
+        """Standard deviations on each side of the interval of combinations of the scaled parameters, one per row.
+
+        Normal where every noise is stated, else Student's t. Each noise that is estimated is known as well as its own
+        curve tells it: the degrees of freedom are Welch's and Satterthwaite's for the curves' parts of the variance.
+        """
+        fitting = self.fitting
+        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
+        rows = np.asarray(self.predicted.slopes) * self.scales * np.asarray(self.member.free)
+        rows = np.where(weight > 0, rows.T * np.sqrt(weight) / np.asarray(self.member.sigma)[fitting.of_curve], 0.0).T
+        of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
+        free = of_curve @ (weight - np.asarray(leverage(jnp.asarray(rows))))
+        parts = (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T
+        unsure = np.where(fitting.known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
+        freedom = np.divide(parts.sum(axis=1) ** 2, unsure, out=np.full(len(along), np.inf), where=unsure > 0)
+        return stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)
 
     @property
     def deviation(self) -> np.ndarray:
@@ -186,7 +199,7 @@ class Fit:
             ok = np.asarray(response.ok)[rows]
             x.append(part[seen])
             y.append(np.where(ok, np.asarray(response.values)[rows], np.nan))
-            half.append(np.where(ok, self.quantile * spread, np.nan))
+            half.append(np.where(ok, self.quantiles(scaled) * spread, np.nan))
         return np.concatenate(x), np.concatenate(y), np.concatenate(half)
 
 

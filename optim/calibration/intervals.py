@@ -107,8 +107,8 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: 
         nothing = np.full(draws.shape[1], np.nan)
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
     points = fit.freedom + fit.fitting.space.size
-    tail = float(stats.norm.sf(fit.quantile * np.sqrt(points / max(fit.freedom, 1))))
-    low, high = np.quantile(kept, [tail, 1 - tail], axis=0)
+    tails = stats.norm.sf(fit.quantile * np.sqrt(points / max(fit.freedom, 1)))
+    low, high = np.transpose([np.quantile(own, [tail, 1 - tail]) for own, tail in zip(kept.T, tails, strict=True)])
     return Intervals("bootstrap", low, high, tuple(notes))
 
 
@@ -158,13 +158,14 @@ def profile(fit: Fit, report: Tell = silent) -> Intervals:
 def _crossing(fit: Fit, j: int, sign: int) -> float:
     """The value of parameter j (SI) where its profile crosses, on one side; NaN where it does not within the bounds."""
     space = fit.fitting.space
+    quantile = fit.quantile[j]
     edge = space.high[j] if sign > 0 else space.low[j]
     log = bool(space.is_log[j])
     room = abs(np.log(edge / fit.x[j]) if log else (edge - fit.x[j]) / fit.scales[j])
     sd, room = min(fit.deviation[j], room), room * (1 - 1e-6)
     steps = np.unique(np.minimum(np.array([0.0, *STEPS]) * sd, room))
     z = _roots(fit, j, sign * steps)
-    if not np.any(z > fit.quantile) and 0 < steps[-1] < room:
+    if not np.any(z > quantile) and 0 < steps[-1] < room:
         # Nothing yet, so on to the bound, twice as far each time.
         doublings = np.arange(1, 1 + np.ceil(np.log2(room / steps[-1])))
         more = np.minimum(steps[-1] * 2.0**doublings, room)
@@ -172,7 +173,7 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
     known = np.isfinite(z)
     steps, z = steps[known], z[known]
     for _ in range(2):
-        over = np.flatnonzero(z > fit.quantile)
+        over = np.flatnonzero(z > quantile)
         if not over.size:
             break
         k = int(over[0])
@@ -180,11 +181,11 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
         steps, z = np.append(steps, more), np.append(z, _roots(fit, j, sign * more))
         order = np.argsort(steps)
         steps, z = steps[order], np.maximum.accumulate(z[order])
-    over = np.flatnonzero(z > fit.quantile)
+    over = np.flatnonzero(z > quantile)
     if not over.size:
         return np.nan
     rising = np.concatenate([[True], np.diff(z) > 0])
-    return float(fit.shifted(sign * float(PchipInterpolator(z[rising], steps[rising])(fit.quantile)))[j])
+    return float(fit.shifted(sign * float(PchipInterpolator(z[rising], steps[rising])(quantile)))[j])
 
 
 def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:

@@ -157,7 +157,7 @@ def interval_text(fit: Fit, one: Intervals, j: int) -> str:
 
 def is_determined(fit: Fit, j: int) -> bool:
     """Whether the interval of a parameter says anything."""
-    return bool(fit.quantile * fit.deviation[j] < NOT_DETERMINED)
+    return bool(fit.quantile[j] * fit.deviation[j] < NOT_DETERMINED)
 
 
 def curve_table(findings: Findings) -> Table:

@@ -133,7 +133,7 @@ def test_a_profile_has_its_ends_where_few_points_make_it_wide():
     y = inflation(175 * kPa, x) + 0.01 * mm * np.array([1, -1, 1])
     half_width = Variable("shell.a", 10 * mm, 22 * mm)
     found = calibrate(Fitting({"free": sg.shell.Free(shell(170 * kPa))}, [MU, half_width], [free_curve(y, x=x)]))
-    assert found.quantile > 12
+    assert np.all(found.quantile > 12)
     ends = intervals(found, "profile")
     assert ends.notes == ()
     np.testing.assert_allclose(ends.low, found.low, rtol=0.02)
@@ -152,7 +152,34 @@ def test_a_profile_has_its_ends_where_few_points_make_it_wide():
         held = optimize.minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-9}).fun
         best = np.sum((np.asarray(found.predicted.response.values) - y) ** 2)
         # sigma^2 is estimated by the best fit with one degree of freedom, best / 1.
-        assert np.sqrt((held - best) / best) == pytest.approx(found.quantile, rel=0.02)
+        assert np.sqrt((held - best) / best) == pytest.approx(found.quantile[k], rel=0.02)
+
+
+@pytest.mark.parametrize("method", ["gauss_newton", "profile", "bootstrap"])
+def test_a_noise_is_known_as_well_as_its_own_curve_tells_it(method):
+    """Two curves without a parameter in common are two fits: what 30 points tell of the noise of one says nothing of
+    the noise of the other, which has 4. The interval of that held the truth in 86 % of all cases."""
+
+    def curve(name, count, seed):
+        strain = np.linspace(0.2, 1.0, count)
+        noise = 2 * kPa * np.random.default_rng(seed).normal(size=count)
+        return Curve(name, name, "stress", "pressure", strain, 100 * kPa * (1 + strain - (1 + strain) ** -2) + noise)
+
+    names, curves = ("few", "many"), [curve("few", 4, 1), curve("many", 30, 2)]
+    strips = {name: Tension(sg.NeoHookean(mu=150 * kPa)) for name in names}
+    moduli = [Variable(f"{name}.material.mu", 10 * kPa, 1000 * kPa, "log") for name in names]
+    both = calibrate(Fitting(strips, moduli, curves), starts=1)
+    np.testing.assert_allclose(both.quantile, stats.t.ppf(0.975, [3, 29]), rtol=1e-6)
+    ends = intervals(both, method, repeats=400)
+    for k, name in enumerate(names):
+        own = Variable("material.mu", 10 * kPa, 1000 * kPa, "log")
+        alone = intervals(calibrate(Fitting({name: strips[name]}, [own], [curves[k]]), starts=1), method, repeats=400)
+        rough = 0.1 if method == "bootstrap" else 1e-4  # draws differ, and how far 4 points scatter is all points' mean
+        width = alone.high[0] - alone.low[0]
+        np.testing.assert_allclose([ends.low[k], ends.high[k]], [alone.low[0], alone.high[0]], atol=rough * width)
+    stated = [curves[0], dataclasses.replace(curves[1], noise=2 * kPa)]
+    known = calibrate(Fitting(strips, moduli, stated), starts=1)
+    np.testing.assert_allclose(known.quantile, [stats.t.ppf(0.975, 3), stats.norm.ppf(0.975)], rtol=1e-6)
 
 
 def test_points_beyond_the_limit_are_left_out_and_said():
