@@ -236,6 +236,8 @@ class Page:
         """Tabs that nobody has opened yet, by their place: what makes them, and where that goes."""
         self.tabs = self._tabs()
         self._ladder: list[Any] = []
+        self._answered: set[Any] = set()
+        """Forms of questions whose programs have run."""
         self._fill_controls()
         self.say("compiling the first picture ...")
         # Two threads: while the first curve is being compiled, which takes seconds, pictures go on.
@@ -371,7 +373,10 @@ class Page:
 
     def ask(self) -> None:
         """Ask for what the sliders say now."""
-        self.work.ask(self.session.question())
+        question = self.session.question()
+        if self._answered and question.form not in self._answered:
+            self.say("compiling ...")
+        self.work.ask(question)
 
     def _done(self, control: Control, sentence: str) -> None:
         control.say(sentence)
@@ -593,6 +598,7 @@ class Page:
             self._grey(True)
             self.say(stage, True)
         elif isinstance(stage, State):
+            self._answered.add(question.form)
             self._show_state(stage)
         elif isinstance(stage, Words):
             self._show_words(stage.state, question, kind)

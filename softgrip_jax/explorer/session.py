@@ -14,6 +14,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from ..config.modules import type_name
@@ -63,6 +64,11 @@ class Question:
     task: dict[str, float]
     """The observable that is to have a value (SI); {} for what the scene itself is to do."""
     observable: str
+
+    @property
+    def form(self) -> Any:
+        """What a program is made for: all but the numbers."""
+        return jax.tree.structure(self.scene), self.pressure is None, tuple(self.task)
 
 
 @dataclasses.dataclass(frozen=True)

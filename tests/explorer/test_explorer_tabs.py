@@ -3,6 +3,7 @@
 import dataclasses
 import shutil
 import threading
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -532,6 +533,21 @@ def test_a_margin_of_undeformed_parts_has_no_task(of_csv, page):
     tab.study = dataclasses.replace(tab.study, asked={tab.y.value: rest})
     tab.open_design(0)
     assert (page.session.own_task, page.session.task) == (True, {"force": 4.0})
+
+
+def test_what_has_to_be_compiled_is_said(page):
+    """A first pressure after a task was silent for seconds, below the error of what was typed before."""
+    said, asked = [], []
+    page._answered, page.say, page.work = set(), lambda *words: said.append(words), SimpleNamespace(ask=asked.append)
+    page.ask()
+    page._answered.add(asked[0].form)
+    page.session.type_in(WALL, "1.2")
+    page.ask()
+    assert asked[0].values != asked[1].values
+    assert said == []  # the page says it of its first picture; other numbers go through the same program
+    page.session = Session(plane(), None, {"force": 4.0})
+    page.ask()
+    assert said == [("compiling ...",)]
 
 
 def test_a_mean_leaves_out_what_has_no_limit_and_what_has_no_answer():
