@@ -81,7 +81,7 @@ ELEMENTS: dict[type, Elements] = {
     shell.InclinedContact: Elements((1.0, 1.1 / 16, 5 / 16, np.deg2rad(10)), {"force": LEANING}, (10.0, 15.0)),
 }
 
-OF_MANY = " (nine in ten of 150 random shells); model = 'energy' is near finite elements"
+OF_MANY = " (nine in ten random shells); model = 'energy' is near finite elements"
 ON_ROD = f"7 to 97 % less than by the energy membrane, next to first contact most{OF_MANY}"
 ARCS: dict[type, dict[str, str]] = {
     shell.Free: {"inflation": f"8 to 20 % less than by the energy membrane{OF_MANY}"},
