@@ -294,9 +294,7 @@ def test_a_search_is_seen_stopped_and_opened(page):
     press(page, "run")
     steps = page.get_by_text("of 100: best")
     steps.wait_for(timeout=120_000)
-    before = steps.inner_text()
-    page.wait_for_timeout(500)
-    assert steps.inner_text() != before
+    playwright.expect(steps).not_to_have_text(steps.inner_text(), timeout=10_000)
     press(page, "run")
     page.get_by_text("A search runs already; stop it first.").wait_for(timeout=10_000)
     press(page, "stop")
