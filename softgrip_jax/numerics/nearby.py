@@ -34,7 +34,7 @@ CONTRACTION = 0.5
 NEAR = 1e-7
 """A move below this, relative, is the last: with the Jacobian of the place itself it is squared."""
 
-KEPT = 3
+KEPT = 2
 """Moves up to which the inverse serves the next root, too."""
 
 LAST = 1e-9
