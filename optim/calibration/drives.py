@@ -7,7 +7,7 @@ same data, and compared by the likelihood of what was measured.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,8 @@ NOISY = 2.0
 """Errors up to so many times a stated noise are the noise, however large a part of the range that is."""
 
 
-def misses(fit: Fit) -> dict[str, float]:
-    """Of every fitted curve: the RMS error as a part of its range; 0 where that is the stated noise."""
+def misses(fit: Any) -> dict[str, float]:
+    """Of every fitted curve of a `Fit`: the RMS error as a part of its range; 0 where that is the stated noise."""
     found = {}
     for k, curve in enumerate(fit.fitting.curves):
         if curve.fit:
