@@ -548,6 +548,9 @@ def test_what_has_to_be_compiled_is_said(page):
     page.session = Session(plane(), None, {"force": 4.0})
     page.ask()
     assert said == [("compiling ...",)]
+    assert (
+        dataclasses.replace(asked[0], pressure=None).form != asked[0].form
+    )  # what a scene itself is to do has no task
 
 
 def test_a_mean_leaves_out_what_has_no_limit_and_what_has_no_answer():
