@@ -146,7 +146,8 @@ def _of_shell(scene: Any, observable: str) -> str:
             return LIMIT[model] if is_free else ""
         errors = known.errors.get(observable)
         return errors[model] + _at(scene.shell, *known.pressures) if errors else ""
-    return "" if by_energy or not _is_among_many(scene) else ARCS.get(type(scene), {}).get(observable, "")
+    words = "" if by_energy else ARCS.get(type(scene), {}).get(observable, "")
+    return words if words and _is_among_many(scene) else ""
 
 
 def of_shell(scene: Any, names: Iterable[str]) -> list[str]:

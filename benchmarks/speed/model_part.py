@@ -3,7 +3,7 @@
 Finite elements were computed for this project with FElupe 11.3 (27-node hexahedra or 9-node plane-strain
 quadrilaterals, Taylor-Hood, nearly incompressible neo-Hookean, follower pressure, frictionless planes, clamped edges);
 uncertainty 0.2 % for the free shell, 0.5 % on a plane. Those of the shell on a cylinder and of the square one on a
-plane that leans are of `softgrip verify` (0.7 to 1.5 % from mesh to mesh).
+plane that leans are of `softgrip verify` (0.2 to 0.8 % from mesh to mesh).
 """
 
 from __future__ import annotations

@@ -225,12 +225,12 @@ def autocorrelation(fit: Fit, k: int) -> float:
 
 def misfit(fit: Fit) -> list[str]:
     """Sentences about curves that the model does not follow to within their noise."""
-    said = []
+    said, missed = [], misses(fit)
     for k, curve in enumerate(fit.fitting.curves):
         count = int((fit.used & (fit.fitting.of_curve == k)).sum())
         if not curve.fit or count == 0:
             continue
-        share = misses(fit)[curve.name]
+        share = missed[curve.name]
         # Of a finger, whose other drive may explain the curve, the comparison of the two says it.
         if share > FOLLOWED and with_other_drive(fit.fitting.given.scenes[curve.model]) is None:
             said.append(

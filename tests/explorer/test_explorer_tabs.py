@@ -18,7 +18,7 @@ from softgrip_jax.units import kPa, mm, unit_key
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
 from optim.calibration.data import heading_of
 from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
-from optim.tabs.search import MARGIN, NOTHING, SearchTab
+from optim.tabs.search import KEEPING, MARGIN, NOTHING, SearchTab
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import FULL, ROOM, Axis
 from softgrip_jax.explorer.page import Page
@@ -533,6 +533,24 @@ def test_a_margin_of_undeformed_parts_has_no_task(of_csv, page):
     tab.study = dataclasses.replace(tab.study, asked={tab.y.value: rest})
     tab.open_design(0)
     assert (page.session.own_task, page.session.task) == (True, {"force": 4.0})
+
+
+def test_starts_that_have_come_to_one_corner_are_no_fault(page, monkeypatch):
+    """Only at the first step is a goal that all of them share one that nothing changes."""
+
+    def converging(problem, report, evaluator, **_):
+        batch = evaluator(problem, 8).batch
+        batch.t[:], batch.state[:] = 0.5, KEEPING
+        for step, spread in ((1, 1.0), (2, 0.0)):
+            batch.value[:] = 4.0 + spread * np.arange(len(batch.value))
+            report(step, 4.0, 8, 8)
+        raise InputError("It came to the second step.")
+
+    monkeypatch.setattr("optim.tabs.search.search", converging)
+    tab = search_tab(page)
+    tab.run()
+    page.wait()
+    assert tab.line.text == "It came to the second step."
 
 
 def test_what_has_to_be_compiled_is_said(page):
