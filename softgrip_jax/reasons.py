@@ -57,6 +57,7 @@ class Reason(enum.IntEnum):
     SHAPE_NOT_RESOLVED = 21
     ANOTHER_BRANCH = 22
     OBJECT_NOT_RESOLVED = 23
+    VALUE_NOT_SOUGHT = 24
     FIELD_RULE = 30
     PARTS_DO_NOT_FIT = 31
     PRESSURE_RULE = 32
@@ -209,6 +210,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "",
         "a part of the object is behind the membrane: the contact points are too far apart for it; the values are "
         "withheld: give more polynomials (across, lengthwise), or a larger object",
+    ),
+    Reason.VALUE_NOT_SOUGHT: (
+        "pressure",
+        "no pressure up to {} gives the wanted value, and none above it was looked at",
+        "no pressure that was looked at gives the wanted value",
     ),
     Reason.ANOTHER_BRANCH: (
         "",

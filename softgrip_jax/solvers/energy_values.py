@@ -59,7 +59,7 @@ class Sought(NamedTuple):
     left: Scalar
     """Of the surplus, there."""
     ended: Bool[Array, ""]
-    """Whether the branch ended before it; the point is then the last one that was tried."""
+    """Whether the branch ended before it, or LARGEST_LOAD; the point is then the last one that was tried."""
     end: Scalar
     """The last pressure (Pa) below that end, within END_KNOWN; NaN where nothing says that it ends."""
 
@@ -123,14 +123,19 @@ def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     at_rest = surplus(fixed, value, flat, none)
     touches_later = found.status == Status.NO_CONTACT
     resting, passed = ~touches_later & (at_rest == 0), ~touches_later & (at_rest > 0)
-    status = jnp.where(sought.ended, Status.BEYOND_LIMIT, found.status)
+    # Where the last state that was looked at is one, equilibrium goes on and the search does not.
+    unsought = sought.ended & jnp.isfinite(sought.left)
+    status = jnp.where(sought.ended, jnp.where(unsought, Status.NOT_CONVERGED, Status.BEYOND_LIMIT), found.status)
     status = jnp.where(resting, Status.OK if fixed.body is None else Status.NO_CONTACT, status)
     known = jnp.isfinite(value)
     status = jnp.where(fixed.can_exist() & known & ~passed, status, Status.IMPOSSIBLE)
     beyond = status == Status.BEYOND_LIMIT
     reason = jnp.where(beyond, int(Reason.VALUE_NOT_REACHED), int(Reason.NONE))
     reason = jnp.where(passed, int(Reason.VALUE_PASSED), reason)
+    unsought &= status == Status.NOT_CONVERGED
+    reason = jnp.where(unsought, int(Reason.VALUE_NOT_SOUGHT), reason)
     detail = jnp.where(beyond, sought.end, jnp.where(passed, none, jnp.nan))
+    detail = jnp.where(unsought, LARGEST_LOAD**3 * fixed.unit(), detail)
     found = found._replace(
         unknowns=jnp.where(resting, flat, found.unknowns),
         pressure=jnp.where(resting, 0.0, found.pressure),

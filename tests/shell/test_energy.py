@@ -527,6 +527,9 @@ def test_a_membrane_that_locks_is_looked_at_up_to_the_largest_load():
     pressure = 45 * locking.pressure_scale()
     found = sg.pressure_for(free, inflation=sg.solve(free, pressure).inflation)
     assert float(found.pressure) == pytest.approx(float(pressure), rel=1e-9)
+    higher = sg.pressure_for(free, inflation=sg.solve(free, 70 * locking.pressure_scale()).inflation)
+    assert Status(int(higher.status)) is Status.NOT_CONVERGED
+    assert f"up to {64 * float(locking.pressure_scale()) / kPa:.4g} kPa" in higher.reason_text()
     far = sg.shell.ObstacleContact(locking, Plane(60 * mm), **SMALL)
     assert np.isinf(float(sg.contact_pressure(far)))
 
