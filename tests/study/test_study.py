@@ -977,6 +977,20 @@ def test_the_folder_of_another_run_is_left_alone_where_the_store_is_elsewhere(co
     assert not (tmp_path / "other.zarr").exists()
 
 
+def test_a_comment_makes_no_other_study(config, tmp_path, capsys):
+    """It goes on. Another number does."""
+    out = small(config, tmp_path)
+    for to in ([], ["--to", str(out / "mine.zarr")]):
+        assert run(["sweep", str(config), *to, "--out", str(out)]) == 0
+        config.write_text("# of the second batch\n" + config.read_text())
+        assert run(["sweep", str(config), *to, "--out", str(out)]) == 0
+    assert (out / "config.toml").read_text().startswith("# of the second batch\n")
+    capsys.readouterr()
+    config.write_text(config.read_text().replace("distance_mm = 5", "distance_mm = 6"))
+    assert run(["sweep", str(config), "--out", str(out)]) == 2
+    assert "holds another study (different: config)" in capsys.readouterr().err
+
+
 def test_labels_have_units_and_never_merge_two_states():
     scene, walls = sg.shell.Free(shell()), Grid([np.array([1.0, 1.1]) * mm])
     asked = [sg.Quantity("pressure", at) for at in (("inflation", 10 * mm), ("clamp_angle", np.pi / 3), 31 * kPa)]
