@@ -128,6 +128,11 @@ def _spread(table: SweepTable, numbers: list[Varied], where: str) -> Designs:
     for variable, number in zip(table.variables, numbers, strict=True):
         if variable.values is not None:
             axes.append(np.array([number.checked(value, "a value", where) for value in variable.values]))
+            twice = [value for value in variable.values if variable.values.count(value) > 1]
+            if twice:
+                raise ConfigError(
+                    f"{where}: the values of {number.key} hold {twice[0]:g} twice; each may be there once."
+                )
             continue
         low, high = number.checked(variable.low, "low", where), number.checked(variable.high, "high", where)
         try:

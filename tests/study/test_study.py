@@ -789,6 +789,16 @@ def test_mistakes_are_one_sentence(config, tmp_path, capsys, old, new, sentence)
     assert not out.exists()
 
 
+def test_a_grid_holds_a_value_once(config, tmp_path, capsys):
+    """Its picture had an axis of no width."""
+    ends = config.read_text().replace("low = 10\nhigh = 22\n", "values = [12, 10, 12]\n")
+    grid = ends.replace("low = 2\nhigh = 9\n", "values = [5]\n").replace(f'"sobol"\nsamples = {DESIGNS}', '"grid"')
+    config.write_text(grid)
+    assert run(["sweep", str(config), "--out", str(tmp_path / "out")]) == 2
+    assert "the values of shell.a_mm hold 12 twice; each may be there once.\n" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [
