@@ -24,7 +24,7 @@ from softgrip_jax.progress import Tell, stages
 from softgrip_jax.questions import pressure_for, solve
 from softgrip_jax.report.inputs import named_files, renamed
 from softgrip_jax.report.run import tell_and_keep, write_report
-from softgrip_jax.results import NORMAL_95, Solution, Status, in_units
+from softgrip_jax.results import Solution, Status, in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
 
@@ -54,6 +54,13 @@ class Compared:
     built: float
     deviation: float
     """Of the built one, by what is not known of its numbers."""
+    low_95: float
+    high_95: float
+
+    @property
+    def half(self) -> float:
+        """Half of the 95 % interval."""
+        return (self.high_95 - self.low_95) / 2
 
 
 class Answer(NamedTuple):
@@ -121,12 +128,12 @@ def names(settings: Settings) -> list[str]:
 
 
 def values(settings: Settings, known: AsBuilt) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(drawn, built, standard deviation) of the numbers, and then of the parameters of the fit."""
+    """(drawn, built, half of the 95 % interval) of the numbers, and then of the parameters of the fit."""
     drawn, built = known.drawn, known.built
     if known.fit is not None and settings.calibration is not None:
         drawn = np.concatenate([drawn, settings.calibration.fitting.space.reference])
         built = np.concatenate([built, known.fit.x[len(built) :]])
-    return drawn, built, np.sqrt(np.diag(known.joint))
+    return drawn, built, known.half_widths(np.eye(len(built)))
 
 
 def space_of(settings: Settings) -> Space:
@@ -181,8 +188,9 @@ def compare(settings: Settings, known: AsBuilt, tell: Tell) -> tuple[list[Compar
         if kind == "position" or ("pressure" in asked and one == "pressure"):
             continue
         j = np.asarray(J[one])
-        both = np.asarray(numbers[one])
-        compared.append(Compared(one, kind, float(both[0]), float(both[1]), float(np.sqrt(j @ known.joint @ j))))
+        was, now = map(float, np.asarray(numbers[one]))
+        half = float(known.half_widths(j[None])[0])
+        compared.append(Compared(one, kind, was, now, float(np.sqrt(j @ known.joint @ j)), now - half, now + half))
     return compared, answer
 
 
@@ -226,10 +234,10 @@ def _ends(settings: Settings, known: AsBuilt) -> list[dict[str, float]]:
         {
             "drawn": float(was),
             "built": float(now),
-            "low_95": float(now - NORMAL_95 * deviation),
-            "high_95": float(now + NORMAL_95 * deviation),
+            "low_95": float(now - half),
+            "high_95": float(now + half),
         }
-        for was, now, deviation in zip(*values(settings, known), strict=True)
+        for was, now, half in zip(*values(settings, known), strict=True)
     ]
 
 
@@ -263,14 +271,14 @@ def report(
     table = Table(title="as drawn and as built", title_justify="left")
     for head in ("", "drawn", "built, and its 95 % interval", "change"):
         table.add_column(head, justify="right" if head else "left")
-    for (key, kind), was, now, deviation in zip(keys(settings), *values(settings, known), strict=True):
-        interval = f"{in_units(now, kind)} +- {in_units(NORMAL_95 * deviation, kind)}"
+    for (key, kind), was, now, half in zip(keys(settings), *values(settings, known), strict=True):
+        interval = f"{in_units(now, kind)} +- {in_units(half, kind)}"
         table.add_row(key, in_units(was, kind), interval, f"{now / was - 1:+.1%}")
     table.add_section()
     for one in compared:
         if not one.deviation > GIVEN * abs(one.built):  # what the task asks for is given
             continue
-        interval = f"{in_units(one.built, one.kind)} +- {in_units(NORMAL_95 * one.deviation, one.kind)}"
+        interval = f"{in_units(one.built, one.kind)} +- {in_units(one.half, one.kind)}"
         change = f"{one.built / one.drawn - 1:+.1%}" if one.drawn and np.isfinite(one.drawn) else "-"
         table.add_row(one.name.replace("_", " "), in_units(one.drawn, one.kind), interval, change)
     console.print(table)

@@ -8,7 +8,8 @@ are normal about what x says. The most probable x is found by Gauss and Newton's
 is its covariance, with the derivatives J of all that was measured and the variances S of their errors. Curves are then
 fitted with x held: they tell of the moduli theta alone, for a model that is a little wrong would move dimensions that
 were measured. The fit moves with x by G = -(R_t^T R_t)^-1 R_t^T R_x, with the derivatives R of the curves over their
-noise, so that the covariances are C of x, (R_t^T R_t)^-1 + G C G^T of theta, and G C of both.
+noise, so that the covariances are C of x, (R_t^T R_t)^-1 + G C G^T of theta, and G C of both. A noise that is estimated
+from few points is not well known itself: intervals are those of Student's t, by what of a variance rests on it.
 
 Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed., section 14 (normal linear models); M. Plummer 2015, Cuts in
 Bayesian graphical models, Stat. Comput. 25, 37-43; thesis 6.2 for the curves.
@@ -72,6 +73,13 @@ class AsBuilt:
     def joint(self) -> np.ndarray:
         """The covariance of all that is known."""
         return self.covariance if self.fit_covariance is None else self.fit_covariance
+
+    def half_widths(self, along: np.ndarray) -> np.ndarray:
+        """Half of the 95 % intervals of combinations of the numbers and then the parameters of the fit, one per row,
+        SI."""
+        variance = np.einsum("ij,jk,ik->i", along, self.joint, along)
+        quantile = NORMAL_95 if self.fit is None else self.fit.quantiles(along * self.fit.scales, variance)
+        return quantile * np.sqrt(variance)
 
 
 def masses_of(settings: Settings, x: np.ndarray) -> dict[str, float]:
@@ -206,8 +214,8 @@ def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
     if np.linalg.matrix_rank(information * np.outer(sizes, sizes)) < len(information):
         names = " and ".join(own.space.names)
         raise InputError(f"The curves do not determine {names}: hold one, or measure something else.")
-    alone, C = np.linalg.inv(information), known.covariance
-    G = -alone @ by_theta.T @ by_x
-    joint = np.block([[C, C @ G.T], [G @ C, alone + G @ C @ G.T]])
+    inverse, C = np.linalg.inv(information), known.covariance
+    G = -inverse @ by_theta.T @ by_x
+    joint = np.block([[C, C @ G.T], [G @ C, fit.robust_factor * inverse + G @ C @ G.T]])
     remarks = (*fit.notes, *on_bounds(fit), *misfit(fit))
     return dataclasses.replace(known, fit=fit, fit_covariance=joint, remarks=remarks)

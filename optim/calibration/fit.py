@@ -106,11 +106,20 @@ class Fit:
         """Standard deviations on each side of every parameter's interval, shape (n,)."""
         return self.quantiles(np.eye(self.fitting.space.size))
 
-    def quantiles(self, along: np.ndarray) -> np.ndarray:
+    @property
+    def robust_factor(self) -> float:
+        """What a robust loss makes of the covariance; 1 of least squares."""
+        response, sigma = self.predicted.response, np.asarray(self.member.sigma)[self.fitting.of_curve]
+        weight = np.asarray(self.member.weight) * np.asarray(response.ok)
+        r = np.where(weight > 0, (np.asarray(response.values) - self.fitting.y) / sigma, 0.0)
+        return float(self.fitting.robust_factor(jnp.asarray(r), jnp.asarray(weight)))
+
+    def quantiles(self, along: np.ndarray, variance: np.ndarray | None = None) -> np.ndarray:
         """Standard deviations on each side of the interval of combinations of the scaled parameters, one per row.
 
         Normal where every noise is stated, else Student's t. Each noise that is estimated is known as well as its own
         curve tells it: the degrees of freedom are Welch's and Satterthwaite's for the curves' parts of the variance.
+        variance: of every combination, where more is behind it than the noise of the curves.
         """
         fitting = self.fitting
         weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
@@ -118,9 +127,10 @@ class Fit:
         rows = np.where(weight > 0, rows.T * np.sqrt(weight) / np.asarray(self.member.sigma)[fitting.of_curve], 0.0).T
         of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
         free = of_curve @ (weight - np.asarray(leverage(jnp.asarray(rows))))
-        parts = (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T
+        parts = self.robust_factor * (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T
         unsure = np.where(fitting.known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
-        freedom = np.divide(parts.sum(axis=1) ** 2, unsure, out=np.full(len(along), np.inf), where=unsure > 0)
+        whole = parts.sum(axis=1) if variance is None else variance
+        freedom = np.divide(whole**2, unsure, out=np.full(len(along), np.inf), where=unsure > 0)
         return stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)
 
     @property

@@ -20,6 +20,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import shutil
+import tomllib
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
@@ -32,6 +33,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pydantic
+import tomli_w
 import xarray as xr
 from rich.console import Console
 
@@ -81,19 +83,24 @@ def read(config: configs.Config) -> tuple[Study, str]:
     if "sweep" not in config.tables:
         raise ConfigError(f"{config.path}: there is no section [sweep], which says what to vary.")
     table: SweepTable = configs.validated(SweepTable, config.tables["sweep"], where)
-    identity = configs.standalone(config.path).decode()
+    identity = _meaning(configs.read_sections(config.path))
     _check_keys(table, where)
     numbers = [varied(config.scenes, v.name, where) for v in table.variables]
     if table.method == "csv":
         path = config.path.parent / str(table.file)
         numbers, designs = _from_csv(config, path, numbers, where)
-        identity += path.read_text(encoding="utf-8-sig")
+        identity += "\n".join(filter(str.strip, uncommented(path.read_text(encoding="utf-8-sig"))))
     else:
         designs = _spread(table, numbers, where)
     quantities = observed(config.scenes, table.observables, where)
     with located(where):
         study = Study(config.scenes, [Parameter(v.name) for v in numbers], quantities, designs, table.gradients)
     return study, identity
+
+
+def _meaning(tables: dict[str, Any]) -> str:
+    """What a config says, without its comments and whatever the order of its sections: they make no other study."""
+    return tomli_w.dumps({name: tables[name] for name in sorted(tables)})
 
 
 def _check_keys(table: SweepTable, where: str) -> None:
@@ -121,6 +128,11 @@ def _spread(table: SweepTable, numbers: list[Varied], where: str) -> Designs:
     for variable, number in zip(table.variables, numbers, strict=True):
         if variable.values is not None:
             axes.append(np.array([number.checked(value, "a value", where) for value in variable.values]))
+            twice = [value for value in variable.values if variable.values.count(value) > 1]
+            if twice:
+                raise ConfigError(
+                    f"{where}: the values of {number.key} hold {twice[0]:g} twice; each may be there once."
+                )
             continue
         low, high = number.checked(variable.low, "low", where), number.checked(variable.high, "high", where)
         try:
@@ -345,9 +357,19 @@ def _refuse_another_run(folder: Path, inputs: dict[Path, bytes], store: Path) ->
         for path in (folder.iterdir() if folder.is_dir() else ())
         if not path.name.startswith(".") and not store.resolve().is_relative_to(path.resolve())
     ]
-    same = all((folder / name).is_file() and (folder / name).read_bytes() == own for name, own in inputs.items())
+    same = all((folder / name).is_file() and _alike(folder / name, own) for name, own in inputs.items())
     if there and not (same and known.issuperset(there)):
         raise ConfigError(f"--out {folder} holds something else than this study; give a new folder.")
+
+
+def _alike(path: Path, own: bytes) -> bool:
+    """Whether a file says what an input says."""
+    if path.read_bytes() == own:
+        return True
+    try:
+        return path.name == "config.toml" and _meaning(configs.read_toml(path)) == _meaning(tomllib.loads(own.decode()))
+    except ConfigError:
+        return False
 
 
 def _inputs(config: Path) -> dict[Path, bytes]:

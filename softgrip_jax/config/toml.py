@@ -6,6 +6,7 @@ where it is, what was found, and what is allowed.
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import inspect
 import tomllib
@@ -100,7 +101,7 @@ def _with_parts(table: dict[str, Any], path: Path, where: str) -> dict[str, Any]
 
 def standalone(path: Path) -> bytes:
     """A config as it was given, or, where parts of it stand in other files, with those parts in it."""
-    given = path.read_bytes()
+    given = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     tables = read_sections(path)
     if tables == tomllib.loads(given.decode()):
         return given
@@ -110,7 +111,7 @@ def standalone(path: Path) -> bytes:
 def read_toml(path: Path) -> dict[str, Any]:
     """The tables of a TOML file."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: this is not TOML: {error}.") from None
     except UnicodeDecodeError as error:

@@ -59,6 +59,14 @@ def same(one, other):
         np.testing.assert_allclose(a, b, rtol=2.3e-16)
 
 
+def test_a_byte_order_mark_is_no_part_of_a_config(tmp_path):
+    """Editors on Windows write one; the copies in the folders of runs have none."""
+    path = tmp_path / "windows.toml"
+    path.write_bytes(b"\xef\xbb\xbf" + GRASP.encode())
+    assert config.load(path).scene.radius == pytest.approx(20 * mm)
+    assert config.standalone(path) == GRASP.encode()
+
+
 def test_every_key_is_its_si_value(tmp_path):
     scene = read(GRASP, tmp_path).scene
     assert isinstance(scene, sg.shell.Grasp)

