@@ -169,6 +169,29 @@ def first_maximum_before(
     return jnp.where(falls, peak, end), falls
 
 
+def samples_with_turns(function: Function, x: Samples) -> tuple[Float[Array, " m"], Float[Array, " m"]]:
+    """(x, y): samples at x and one between each two, where the cubic by their values and slopes turns; in the middle
+    where it does not. A value that a curve takes only around a turn within a cell is thus seen. `x` rises.
+    """
+    y, slope = jax.vmap(lambda at: jax.jvp(function, (at,), (jnp.ones_like(at),)))(x)
+    width, first, last = x[1:] - x[:-1], slope[:-1], slope[1:]
+    mean = (y[1:] - y[:-1]) / jnp.where(width > 0, width, 1.0)
+    # The cubic's slope over its cell is first + b t + a t^2, with one root in it where the slopes at its ends differ in
+    # sign: of the two, without cancellation, the one that is inside.
+    a, b = 3 * (first + last - 2 * mean), 2 * (3 * mean - 2 * first - last)
+    turns = first * last < 0
+    root = jnp.sqrt(jnp.where(turns, b * b - 4 * a * first, 0.0))
+    half = -0.5 * (b + jnp.where(b < 0, -root, root))
+    one, other = first / jnp.where(half == 0, 1.0, half), half / jnp.where(a == 0, 1.0, a)
+    place = jnp.where((one > 0) & (one < 1), one, other)
+    between = x[:-1] + width * jnp.where(turns & (place > 0) & (place < 1), place, 0.5)
+
+    def together(at, within):
+        return jnp.append(jnp.stack([at[:-1], within], axis=1).reshape(-1), at[-1])
+
+    return together(x, between), together(y, jax.vmap(function)(between))
+
+
 def first_crossing(function: Function, target: Scalar, x: Samples, y: Samples, stop: Scalar) -> Crossing:
     """The first x up to `stop` at which `function`, sampled as y(x), takes the value `target`, rising or falling.
 

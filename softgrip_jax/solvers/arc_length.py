@@ -183,7 +183,8 @@ class ArcLength(BranchSolver):
         why = Reason.LOADS_AND_PRESSURE_NOT_HELD if together else Reason.LOAD_NOT_HELD
         reason = jnp.where(folded, int(Reason.LIMIT_POINT), jnp.where(not_held, int(why), beyond))
         detail = jnp.where(not_held, span.load_factor_at(end.u), jnp.nan)
-        at_end = folded | (beyond > 0)
+        # On a way on which the loads still grow the pressure there is that of a part of them.
+        at_end = folded | ((beyond > 0) & ~is_loading)
         detail = jnp.where(at_end, span.pressure_at(end.u, at_end), detail)
         possible = scene.can_exist()
         status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
@@ -193,7 +194,7 @@ class ArcLength(BranchSolver):
 def _beyond_the_model(scene: Any, end: End, goal: Goal, context: Any, span: LoadPath) -> Int[Array, ""]:
     """The `Reason` for which the model ends where a search did, before its goal; 0 where it does not."""
     reason = jnp.zeros_like(end.reason)
-    behind = end.u[-1] > span.loading
+    behind = (end.u[-1] > span.loading) | scene.grows_together()  # there the pressure acts from the first on
     if type(scene).passed is not PathEquations.passed:
         observed = residual_and_observables(
             scene.searched(), end.u[:-1], span.load_factor_at(end.u), span.load_at(end.u)

@@ -9,7 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..numerics.curves import Scan, first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
+from ..numerics.curves import (
+    Scan,
+    first_crossing,
+    first_maximum,
+    first_maximum_before,
+    samples_with_turns,
+    scan_curve,
+    slope_of,
+)
 from ..numerics.implicit import implicit
 from ..numerics.xla import materialised
 from ..reasons import Reason
@@ -144,8 +152,9 @@ class ExplicitCurve(BranchSolver):
         curve = sampled(fixed)
         scan, stop, possible = curve.scan, stop_of(fixed, curve), curve.possible
         start = scan.x[0]
-        seen = jax.vmap(lambda angle: wanted(fixed, angle))(scan.x)
-        crossing = first_crossing(lambda angle: wanted(fixed, angle), value, scan.x, seen, stop)
+        # What is observed may turn where the load does not.
+        places, seen = samples_with_turns(lambda angle: wanted(fixed, angle), scan.x)
+        crossing = first_crossing(lambda angle: wanted(fixed, angle), value, places, seen, stop)
         at_start = value == seen[0]
         angle = jnp.where(at_start, start, crossing.x)
         # A value on the far side of the one at the start, seen from where the curve goes, belongs to no state of it.

@@ -10,7 +10,14 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.polynomial import Polynomial
 
-from softgrip_jax.numerics.curves import first_crossing, first_maximum, first_maximum_before, scan_curve, slope_of
+from softgrip_jax.numerics.curves import (
+    first_crossing,
+    first_maximum,
+    first_maximum_before,
+    samples_with_turns,
+    scan_curve,
+    slope_of,
+)
 
 RANDOM = settings(max_examples=60, deadline=None, derandomize=True)
 
@@ -160,6 +167,30 @@ def test_a_value_between_the_last_sample_and_the_stop_is_crossed_and_none_behind
         assert float(found.scale) == pytest.approx(0.01)  # of this piece of a cell
     else:
         assert found.iterations == 0  # nothing is searched for
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("turn", [0.07, 0.31, 0.66, 0.99])
+def test_a_value_that_is_taken_only_around_a_turn_within_a_cell_is_found(turn, sign):
+    """The curve is known in three cells, and turns once."""
+
+    def curve(x):
+        return sign * (x - turn) ** 2 * (1 + 0.2 * x)
+
+    x, y = samples_with_turns(curve, jnp.linspace(0.0, 1.0, 4))
+    assert np.all(np.diff(x) > 0)
+    assert np.array_equal(y, curve(x))
+    assert float(jnp.min(jnp.abs(x - turn))) < 1e-9  # a cubic is its own
+    target = sign * jnp.asarray(1e-6)
+    found = first_crossing(curve, target, x, y, jnp.asarray(1.0))
+    assert found.exists
+    assert float(found.x) == pytest.approx(turn - 1e-3 / np.sqrt(1 + 0.2 * turn), abs=1e-6)
+
+
+def test_samples_of_a_straight_line_have_their_middles_between():
+    x, y = samples_with_turns(lambda x: 2 * x, jnp.linspace(0.0, 1.0, 3))
+    assert x.tolist() == [0, 0.25, 0.5, 0.75, 1]
+    assert y.tolist() == [0, 0.5, 1, 1.5, 2]
 
 
 def test_what_a_scan_says_of_a_parabola():

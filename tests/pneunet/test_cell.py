@@ -542,6 +542,19 @@ def test_a_cell_bent_or_stretched_as_none_was_is_not_known(cell):
     assert np.isnan(found.moment)
 
 
+def test_the_moment_of_a_bent_cell_rises_before_it_falls_and_both_are_found():
+    """At 80 1/m the moment of type A is largest at 4 kPa, from where it falls to the end of the law."""
+    cell = sg.pneunet.Cell(finger("A"), curvature=80.0)
+    reached = jax.jit(lambda moment: sg.pressure_for(cell, moment=moment))
+    for pressure in (3.4 * kPa, 3.9 * kPa, 6 * kPa):
+        moment = sg.solve(cell, pressure).moment
+        found = reached(moment)
+        assert found.status == sg.Status.OK
+        assert float(found.moment) == pytest.approx(float(moment), rel=1e-12)
+        assert float(found.pressure) <= pressure * (1 + 1e-6)  # the first of two
+    assert reached(1.01 * sg.solve(cell, 4.04 * kPa).moment).status != sg.Status.OK
+
+
 def test_the_range_of_the_law_is_the_nearest_of_its_ends():
     from softgrip_jax.pneunet.cell.law import range_margin
 

@@ -179,3 +179,15 @@ def test_free_fingers_say_why():
     # It has rolled up long before the walls close.
     assert [int(r) for r in found.reason] == [Reason.CURLED_UP, Reason.PRESSURE_RULE]
     np.testing.assert_allclose(float(found.detail[0]), float(sg.limit_pressure(free_heavy())), rtol=1e-9)
+
+
+def test_a_finger_that_curls_up_says_so_where_loads_and_pressure_grow_together():
+    """Its length is 0.6 m: under hardly any weight it ends at 17.63 kPa, however the loads grow."""
+    long = sg.PneuNet.table_5_1("A", L=600 * mm)
+    scene = sg.pneunet.Free(long, weight=(0.0, -1e-4), inclination="none", loading="proportional", points=6)
+    found = jax.jit(lambda pressure: sg.solve(scene, pressure))
+    assert found(10 * kPa).status == OK
+    beyond = found(31 * kPa)
+    assert (beyond.status, beyond.reason) == (BEYOND, Reason.CURLED_UP)
+    assert "curled up" in beyond.reason_text()
+    assert np.isnan(beyond.detail)  # the pressure on the way belongs to a part of the weight
