@@ -71,6 +71,10 @@ class CurveEquations(eqx.Module):
         """Whether the load may fall and rise again. A neo-Hookean membrane's has one maximum at most."""
         return True
 
+    def may_turn(self, name: str) -> bool:
+        """Whether this observable may rise and fall, or fall and rise, along the curve."""
+        return True
+
     def residual(self, unknowns, pressure):
         return (self.load(unknowns) - pressure) / (self.pressure_scale() + jnp.abs(pressure))
 

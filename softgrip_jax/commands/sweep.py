@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import json
 import shutil
 import tomllib
 from collections import Counter
@@ -33,7 +34,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pydantic
-import tomli_w
 import xarray as xr
 from rich.console import Console
 
@@ -99,8 +99,8 @@ def read(config: configs.Config) -> tuple[Study, str]:
 
 
 def _meaning(tables: dict[str, Any]) -> str:
-    """What a config says, without its comments and whatever the order of its sections: they make no other study."""
-    return tomli_w.dumps({name: tables[name] for name in sorted(tables)})
+    """What a config says, without its comments and whatever the order of its keys: they make no other study."""
+    return json.dumps(tables, sort_keys=True, default=str)
 
 
 def _check_keys(table: SweepTable, where: str) -> None:

@@ -182,6 +182,9 @@ class ShellScene(CurveEquations, Scene):
     def may_dip(self):
         return not self.shell.material.closed_forms().has_one_maximum
 
+    def may_turn(self, name):
+        return False
+
     def is_possible(self):
         return (self.shell.b >= self.shell.a) & self.shell.material.is_stable_at_rest()
 

@@ -152,9 +152,15 @@ class ExplicitCurve(BranchSolver):
         curve = sampled(fixed)
         scan, stop, possible = curve.scan, stop_of(fixed, curve), curve.possible
         start = scan.x[0]
-        # What is observed may turn where the load does not.
-        places, seen = samples_with_turns(lambda angle: wanted(fixed, angle), scan.x)
-        crossing = first_crossing(lambda angle: wanted(fixed, angle), value, places, seen, stop)
+
+        def observed(angle):
+            return wanted(fixed, angle)
+
+        if scene.may_turn(name):
+            places, seen = samples_with_turns(observed, scan.x)
+        else:
+            places, seen = scan.x, jax.vmap(observed)(scan.x)
+        crossing = first_crossing(observed, value, places, seen, stop)
         at_start = value == seen[0]
         angle = jnp.where(at_start, start, crossing.x)
         # A value on the far side of the one at the start, seen from where the curve goes, belongs to no state of it.

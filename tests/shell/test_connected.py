@@ -10,6 +10,8 @@ from scipy.optimize import minimize_scalar
 
 import softgrip_jax as sg
 from softgrip_jax.membrane import contact_half_width
+from softgrip_jax.objects.friction import FrictionTable
+from softgrip_jax.solvers.explicit_curve import sampled, stop_of
 from softgrip_jax.units import kPa, mm
 
 OK, NO_CONTACT, BEYOND = sg.Status.OK, sg.Status.NO_CONTACT, sg.Status.BEYOND_LIMIT
@@ -65,6 +67,54 @@ def free_limit(numbers, square=False):
         return 2 * tension * np.sin(angle) / numbers["a"]
 
     return -minimize_scalar(lambda x: -load(x), bounds=(0.5, 2.5), method="bounded", options={"xatol": 1e-12}).fun
+
+
+ARCS = {
+    "free": lambda made, k: sg.shell.Free(made),
+    "plate": lambda made, k: sg.shell.Plate(made),
+    "square": lambda made, k: sg.shell.Free(sg.FlatShell(made.a, made.a, made.t_m, made.material)),
+    "plane": lambda made, k: sg.shell.FlatContact(made, distance=k * made.a),
+    "inclined": lambda made, k: sg.shell.InclinedContact(made, distance=k * made.a, angle=0.4 * k),
+    "cylinder": lambda made, k: sg.shell.CylinderContact(made, radius=3 * k * made.a, gap=0.5 * k * made.a),
+    "offset": lambda made, k: sg.shell.AxialOffset(made, 3 * k * made.a, 0.5 * k * made.a, height=0.9 * made.b),
+    "grasp": lambda made, k: sg.shell.Grasp(
+        made, 3 * k * made.a, 0.5 * k * made.a, mass=0.3, friction=0.9, eccentricity=0.1 * made.a, lever="rim"
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ARCS)
+def test_what_is_observed_of_arcs_rises_or_falls_along_the_whole_curve(kind):
+    """Between samples that lie apart no value of a shell's is missed; those of scenes that may turn are looked for."""
+
+    @jax.jit
+    def seen(numbers):
+        a, longer, thickness, near = numbers
+        scene = ARCS[kind](sg.FlatShell(a, a * longer, thickness, sg.NeoHookean(mu=175 * kPa)), near)
+        found = sampled(scene)
+        first, last = found.scan.x[0], stop_of(scene, found)
+        angles = first + (last - first) * jnp.linspace(0.0, 1.0, 301)
+        return found.possible & found.touches, jax.vmap(lambda x: scene.observe(x, scene.load(x)))(angles)
+
+    random, looked = np.random.default_rng(1), 0
+    assert not any(ARCS[kind](shell(), 0.3).may_turn(name) for name in ARCS[kind](shell(), 0.3).OBSERVABLES)
+    for _ in range(12):
+        there, observed = seen(random.uniform([6 * mm, 1.1, 0.6 * mm, 0.1], [25 * mm, 4, 2.5 * mm, 0.9]))
+        looked += bool(there)
+        for name, values in observed.items() if there else []:
+            steps = np.diff(values)
+            assert min(np.sum(steps * (abs(steps) > 1e-12) > 0), np.sum(steps * (abs(steps) > 1e-12) < 0)) == 0, name
+    assert looked > 4
+
+
+def test_the_security_of_a_friction_that_falls_is_found_where_it_is_largest():
+    """mu F = F (1 - F / 6 N) is largest at 3 N, between two samples."""
+    law = FrictionTable(force=[0.06, 5.94, 60.0], coefficient=[0.99, 0.01, 0.01])
+    held = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, mass=0.3, friction=law)
+    largest = sg.pressure_for(held, force=3.0).security
+    found = sg.pressure_for(held, security=0.9999 * largest)
+    assert found.status == OK
+    assert float(found.force) == pytest.approx(2.97, rel=1e-6)
 
 
 FAR = {

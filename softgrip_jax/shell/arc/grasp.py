@@ -172,6 +172,9 @@ class Grasp(ShellScene):
     def target(self):
         return _target(self.mass)
 
+    def may_turn(self, name):
+        return name in HOLDING and callable(self.friction)  # a coefficient that falls with the force may hold less
+
     def margins_of_state(self, angle, pressure):
         """membranes_apart: of two opposite shells, what the highest point of a membrane keeps from the middle."""
         crest = self.shell.a * jnp.tan(0.5 * self.arcs().state(angle).theta_m)
