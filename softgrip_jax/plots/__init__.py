@@ -3,6 +3,10 @@
 Lengths in mm, pressures in kPa.
 """
 
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
 from ..names import listing as _listing
 from . import chamber as chamber
 from . import energy as energy
@@ -28,8 +32,12 @@ from .posterior import corner as corner
 from .posterior import predictive as predictive
 from .robust import Cast as Cast
 from .robust import robust as robust
-from .study import elasticities as elasticities
-from .study import front as front
-from .study import study as study
 
-__dir__ = _listing(globals())
+if TYPE_CHECKING:
+    from .studies import elasticities as elasticities
+    from .studies import front as front
+    from .studies import study as study
+
+# xarray, and pandas with it, take as long to load as matplotlib: only a picture of many designs waits for them.
+__getattr__, _, _lazy = lazy_loader.attach(__name__, submod_attrs={"studies": ["elasticities", "front", "study"]})
+__dir__ = _listing(globals(), *_lazy)
