@@ -106,6 +106,10 @@ class PathEquations(eqx.Module):
     def unloaded_state(self) -> Vector:
         """The unknowns without any load: an exact solution at load_factor 0 and no pressure."""
 
+    def begun_state(self, unknowns: Vector, load: Any) -> Vector:
+        """From where the first point at which the pressure acts is sought; load: as `LoadPath.load_at` gives it."""
+        return unknowns
+
     @abc.abstractmethod
     def residual_and_observables(
         self, unknowns: Vector, load_factor: Scalar, pressure: Any

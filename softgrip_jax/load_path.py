@@ -130,11 +130,12 @@ def start_of(scene: Any, span: LoadPath) -> Vector:
     return jnp.append(scene.unloaded_state(), jnp.zeros_like(span.loading))
 
 
-def begun(u: Vector, span: LoadPath, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
+def begun(scene: Any, u: Vector, span: LoadPath, most: Scalar | float = jnp.inf, by: Scalar | float = 1.0) -> Vector:
     """A little further where the pressure begins to act, at most to a coordinate: the path's direction shows there.
     by: part of the usual way."""
     further = jnp.minimum(span.loading + BEGINNING * by, most)
-    return u.at[-1].set(jnp.where(u[-1] >= span.loading, further, u[-1]))
+    u = u.at[-1].set(jnp.where(u[-1] >= span.loading, further, u[-1]))
+    return u.at[:-1].set(scene.begun_state(u[:-1], span.load_at(u)))
 
 
 def to_coordinate(coordinate: Scalar, u: Vector, _: dict[str, Array]) -> Scalar:

@@ -242,6 +242,7 @@ class _Inflated(NamedTuple):
 
     sine: Scalar
     """sin(theta_m2 / 2)."""
+    cosine: Scalar
     cot: Scalar
     strain: Scalar
     pressure: Scalar
@@ -255,7 +256,8 @@ def _inflated(theta_m2: Scalar, seat: Seat, t_m: Scalar, material: Material) -> 
     strain = seat.lean + seat.depth * bulge  # (4.28)
     deep = seat.depth > 0
     strain_over_depth = bulge + jnp.where(deep, seat.lean / jnp.where(deep, seat.depth, 1.0), 0.0)
-    return _Inflated(sine, cot, strain, 4 * sine2 * strain_over_depth * tension_over_strain(material, t_m, strain))
+    pressure = 4 * sine2 * strain_over_depth * tension_over_strain(material, t_m, strain)
+    return _Inflated(sine, cosine, cot, strain, pressure)
 
 
 @jax.jit
@@ -276,12 +278,15 @@ def inclined_wall(
     touches at the very edge there (rho* = a, no force) and depends on sqrt(d).
     """
     seat = wall_seat(a, d, incline)
-    sine, cot, strain, pressure = _inflated(theta_m2, seat, t_m, material)
+    sine, cosine, cot, strain, pressure = _inflated(theta_m2, seat, t_m, material)
     depth, apart, deep = seat.depth, d > 0, seat.depth > 0
     radius = depth / (2 * sine * sine)  # (4.27)
     c_2 = seat.outer * seat.cosine - depth * cot  # (4.26)
     part = jnp.sqrt(jnp.where(apart, d / jnp.where(deep, depth, 1.0), 1.0))
-    theta_m1 = 2 * jnp.arcsin(sine * jnp.where(apart | ~deep, part, 0.0))  # (4.31)
+    part = jnp.where(apart | ~deep, part, 0.0)
+    # The arcsine has no slope at 1, where parallel walls close.
+    cosine_1 = jnp.sqrt(cosine * cosine + sine * sine * (1 - part) * (1 + part))
+    theta_m1 = 2 * jnp.arctan2(sine * part, cosine_1)  # (4.31)
     c_1 = 2 * a * (1 + strain) - radius * (theta_m1 + theta_m2) - c_2  # (4.32)
     c_z = (c_1 + c_2) * b * (a - seat.rho) / a**2  # (4.34)
     return InclinedWall(pressure, 1 + strain, radius, theta_m1, c_1, c_2, c_z, seat.rho)

@@ -76,6 +76,14 @@ def limit(scene: Any) -> Found:
     return Found(moments(pressure), pressure, status, jnp.max(ends.iterations), reason=reason)
 
 
+def begun_state(scene: Any, pressure: Scalar) -> Array:
+    """The moment of one arc alone at a pressure at which its chambers have just begun to push: the only one there."""
+    scene = frozen(scene)
+    parts, _ = scene.chambers()
+    most = scene.applied(parts.chamber, 0 * parts.low, pressure)
+    return jax.vmap(lambda *part: _balanced(scene, pressure, *part))(most, parts.chamber, parts.high - parts.low)
+
+
 def _balanced(scene: Any, pressure: Scalar, most: Scalar, chamber: Any, length: Scalar) -> Scalar:
     """The moment of one part, between none and `most`, that its chamber applies as it then inclines."""
     slenderness = scene.finger.H / scene.finger.L

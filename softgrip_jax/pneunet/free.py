@@ -128,6 +128,11 @@ class Free(FingerScene):
         parts, _ = self.chambers()
         return self.ruled(jnp.zeros_like(parts.low), parts) if self.is_arcs() else self.straight()
 
+    def begun_state(self, unknowns, load):
+        """The moment of narrow chambers falls too steeply as they begin to incline for Newton's method to begin at
+        parallel walls."""
+        return arcs.begun_state(self, load) if self.is_alone() and self.inclines() else unknowns
+
     def residual_and_observables(self, unknowns, load_factor, pressure):
         if self.is_arcs():
             return self.arcs_residual_and_observables(unknowns, pressure)

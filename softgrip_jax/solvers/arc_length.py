@@ -101,7 +101,7 @@ class ArcLength(BranchSolver):
         else:
             wanted = span.coordinate_of(pressure)
             reachable = jnp.minimum(wanted, span.last())
-            start = begun(start_of(scene, span), span, reachable)
+            start = begun(scene, start_of(scene, span), span, reachable)
             found = self.search(scene, start, to_coordinate, reachable, span, climb=climb_to(reachable, scene, span))
             beyond = wanted > reachable
         ended = (found.status == Status.OK) & beyond
@@ -123,7 +123,7 @@ class ArcLength(BranchSolver):
         if known is not None:
             return known
         span = scene.pressure_span()
-        start, way, last, before = begun(start_of(scene, span), span), span, span.last(), None
+        start, way, last, before = begun(scene, start_of(scene, span), span), span, span.last(), None
         if scene.grows_together():
             ray, moderate = to_moderate(span)
             before = self.search(scene, start_of(scene, span), to_coordinate, ray.loading, ray)

@@ -93,7 +93,7 @@ def branch(method: Any, scene: Any, n: int) -> Solution:
     way = ray if together else span
     loaded, status, *_ = method.search(scene, start_of(scene, span), to_coordinate, way.loading, way)
     span = onwards(ray, moderate) if together else span
-    first_point = begun(loaded.at[-1].set(span.loading), span)
+    first_point = begun(scene, loaded.at[-1].set(span.loading), span)
     # A coarse curve is a part of one that is fine enough to see where it turns.
     finer = -(-BRANCH_POINTS // (n - 1))
 

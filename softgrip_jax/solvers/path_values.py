@@ -125,7 +125,7 @@ def _legs(
         loaded, before = carry
         is_loading, again = number == 0, number == 2
         by = jnp.where(again, MUCH_CLOSER, 1.0)
-        u = jnp.where(is_loading, loaded, begun(loaded, span, by=by))
+        u = jnp.where(is_loading, loaded, begun(scene, loaded, span, by=by))
         is_there = again & (before.status != Status.NOT_CONVERGED)
         climb = climb_to(span.last(), scene, span)
         if climb is not None:

@@ -146,3 +146,18 @@ def test_no_gap_is_the_limit_of_small_ones_without_the_root():
         for finger in made
     ]
     assert angles[0] == pytest.approx(angles[1], rel=1e-4)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-7])
+def test_narrow_chambers_that_incline(gap):
+    """Their moment falls steeply as they begin to incline: Newton's method from parallel walls found no first state."""
+    finger = dataclasses.replace(A, h_x=gap)
+    scene = sg.pneunet.Free(finger, weight=None, moment_spread="none")
+    found = sg.solve(scene, 15 * kPa)
+    assert found.status == Status.OK
+    assert float(found.inclination) == pytest.approx(float(found.tip_angle * finger.pitch / (2 * finger.L)), rel=1e-9)
+    if gap:
+        wall = sg.pneunet.chamber(finger, 15 * kPa, inclination=found.inclination)
+        share = np.sqrt(2 * gap / finger.pitch)
+        assert float(found.end_moment) == pytest.approx(float(wall.end_moment / share), rel=1e-9)
+    assert float(sg.limit_pressure(scene)) > 15 * kPa

@@ -77,6 +77,16 @@ def test_model_ends_at_the_half_circle():
     assert np.isnan(moment(A, 1.001 * limit, 0.0))
 
 
+def test_a_finger_that_bends_until_its_walls_have_closed_has_a_limit():
+    """The moment had no slope next to the half circle, so that a stiff finger's limit pressure was NaN."""
+    limit = wall_limit(A)
+    slope = jax.grad(lambda share: end_moment(A, share * limit, jnp.zeros(())))
+    difference = (moment(A, limit * (1 - 1e-9), 0.0) - moment(A, limit * (1 - 2e-5), 0.0)) / (2e-5 - 1e-9)
+    np.testing.assert_allclose(slope(1 - 1e-9), difference, rtol=1e-3)
+    stiff = sg.pneunet.Free(dataclasses.replace(A, H=25e-3), weight=None, inclination="none")
+    np.testing.assert_allclose(sg.limit_pressure(stiff), limit, rtol=1e-9)
+
+
 FIELDS = ["a", "b", "h_x", "t_m", "h_L", "H"]
 
 
