@@ -232,7 +232,8 @@ class Axis:
     @property
     def middle(self) -> float:
         """Of what is shown."""
-        return 0.5 * (self.range.start + self.range.end)
+        shown: Any = self.range
+        return 0.5 * (shown.start + shown.end)
 
     def hold(self, values: Any) -> None:
         """Be wide enough for all finite values."""
@@ -312,7 +313,8 @@ class CurveView:
             marks["x"].append(curve.contact / kPa)
             marks["y"].append(y[curve.pressure == curve.contact][0])
             marks["text"].append("contact")
-        self.marks.data = marks | {"align": ["left"] * len(marks["x"])}
+        marks["align"] = ["left"] * len(marks["x"])
+        self.marks.data = marks
         self._hold()
         self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
 
