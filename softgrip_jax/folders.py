@@ -25,7 +25,9 @@ NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)
 
 @contextmanager
 def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
-    """(folder to write to, its final name): a hidden sibling, renamed when the block ends well, removed when not."""
+    """(folder to write to, its final name): a hidden sibling, renamed when the block ends well, removed when not.
+
+    Where another run has taken the name meanwhile, this one goes beside it, and a ConfigError says so."""
     if out is not None and out.exists():
         raise ConfigError(f"{out} exists already; give --out a new name.")
     final = free_name(name) if out is None else out
@@ -36,7 +38,9 @@ def new_folder(out: Path | None, name: str) -> Iterator[tuple[Path, Path]]:
     try:
         yield unfinished, final
         if final.exists():
-            raise ConfigError(f"{final} has come to exist during the run, which was given up so as not to replace it.")
+            beside = _free(final.parent, final.name)
+            os.rename(unfinished, beside)
+            raise ConfigError(f"{final} has come to exist during the run, which is in {beside} instead.")
         os.rename(unfinished, final)
     except OSError as error:
         if error.filename is None and error.errno in NO_ROOM:
@@ -119,10 +123,16 @@ class DeferInterrupt:
 
 def free_name(name: str) -> Path:
     """The next name in RUNS that is not taken."""
+    return _free(RUNS, name)
+
+
+def _free(folder: Path, name: str) -> Path:
+    """The next name in a folder that no run has, nor one that is under way (see `new_folder`)."""
+    taken = [path.name for path in folder.iterdir()] if folder.is_dir() else []
     number = 1
-    while (RUNS / f"{name}-{number:03d}").exists():
+    while any(one == (next_one := f"{name}-{number:03d}") or one.startswith(f".{next_one}-") for one in taken):
         number += 1
-    return RUNS / f"{name}-{number:03d}"
+    return folder / f"{name}-{number:03d}"
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:

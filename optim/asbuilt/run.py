@@ -29,6 +29,7 @@ from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY, unit_key
 
 from ..calibration.provenance import provenance
+from ..calibration.run import plain
 from ..calibration.settings import TEST
 from ..design import settings as design_settings
 from ..design.run import run_design
@@ -127,13 +128,28 @@ def names(settings: Settings) -> list[str]:
     return [*settings.space.names, *(calibration.fitting.space.names if calibration is not None else [])]
 
 
-def values(settings: Settings, known: AsBuilt) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(drawn, built, half of the 95 % interval) of the numbers, and then of the parameters of the fit."""
+def values(settings: Settings, known: AsBuilt) -> tuple[np.ndarray, np.ndarray]:
+    """(drawn, built) of the numbers, and then of the parameters of the fit."""
     drawn, built = known.drawn, known.built
     if known.fit is not None and settings.calibration is not None:
         drawn = np.concatenate([drawn, settings.calibration.fitting.space.reference])
         built = np.concatenate([built, known.fit.x[len(built) :]])
-    return drawn, built, known.half_widths(np.eye(len(built)))
+    return drawn, built
+
+
+def intervals(settings: Settings, known: AsBuilt) -> list[tuple[float, float]]:
+    """The 95 % intervals of the same; of a parameter that is fitted by its logarithm they are of that, so that they
+    hold nothing negative."""
+    built = values(settings, known)[1]
+    halves = known.half_widths(np.eye(len(built)))
+    is_log = space_of(settings).is_log
+    with np.errstate(over="ignore"):
+        return [
+            (float(now * np.exp(-half / now)), float(now * np.exp(half / now)))
+            if log
+            else (float(now - half), float(now + half))
+            for now, half, log in zip(built, halves, is_log, strict=True)
+        ]
 
 
 def space_of(settings: Settings) -> Space:
@@ -177,7 +193,7 @@ def compare(settings: Settings, known: AsBuilt, tell: Tell) -> tuple[list[Compar
 
     program = jax.jit(jax.vmap(solved))
     slopes = jax.jit(jax.jacfwd(lambda x: observed(solved(x))))
-    drawn, built, _ = values(settings, known)
+    drawn, built = values(settings, known)
     found = program(jnp.stack([drawn, built]))
     answer = Answer(Status(int(found.status[1])), found.reason_text()[1])
     if answer.status != Status.OK:
@@ -231,13 +247,8 @@ def rows(settings: Settings, known: AsBuilt) -> list[dict[str, Any]]:
 def _ends(settings: Settings, known: AsBuilt) -> list[dict[str, float]]:
     """Of each number what was drawn and what was built, with the ends of its 95 % interval, SI."""
     return [
-        {
-            "drawn": float(was),
-            "built": float(now),
-            "low_95": float(now - half),
-            "high_95": float(now + half),
-        }
-        for was, now, half in zip(*values(settings, known), strict=True)
+        {"drawn": float(was), "built": float(now), "low_95": low, "high_95": high}
+        for was, now, (low, high) in zip(*values(settings, known), intervals(settings, known), strict=True)
     ]
 
 
@@ -248,7 +259,8 @@ def record(
     return {
         "units": "SI",
         "numbers": [
-            {"number": name} | ends for name, ends in zip(names(settings), _ends(settings, known), strict=True)
+            {"number": name} | dict(zip(ends, plain(list(ends.values())), strict=True))
+            for name, ends in zip(names(settings), _ends(settings, known), strict=True)
         ],
         "status": answer and answer.status.name,
         "reason": answer and answer.reason,
@@ -271,9 +283,12 @@ def report(
     table = Table(title="as drawn and as built", title_justify="left")
     for head in ("", "drawn", "built, and its 95 % interval", "change"):
         table.add_column(head, justify="right" if head else "left")
-    for (key, kind), was, now, half in zip(keys(settings), *values(settings, known), strict=True):
-        interval = f"{in_units(now, kind)} +- {in_units(half, kind)}"
-        table.add_row(key, in_units(was, kind), interval, f"{now / was - 1:+.1%}")
+    is_log = space_of(settings).is_log
+    for (key, kind), log, ends in zip(keys(settings), is_log, _ends(settings, known), strict=True):
+        was, now, low, high = ends.values()
+        lowest = f"{low / DISPLAY[kind][1]:.5g}"
+        around = f"({lowest} to {in_units(high, kind)})" if log else f"+- {in_units(high - now, kind)}"
+        table.add_row(key, in_units(was, kind), f"{in_units(now, kind)} {around}", f"{now / was - 1:+.1%}")
     table.add_section()
     for one in compared:
         if not one.deviation > GIVEN * abs(one.built):  # what the task asks for is given

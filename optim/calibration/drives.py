@@ -48,7 +48,10 @@ class Rival(NamedTuple):
     fits: tuple[Fit, Fit]
     drives: tuple[str, str]
     likelihoods: tuple[float, float]
-    """Natural logarithms, up to the same constant."""
+    """Natural logarithms, up to the same constant, over the points that both reach; of the one that reaches fewer
+    points -inf."""
+    lost: tuple[int, int] = (0, 0)
+    """Fitted points without a state."""
 
     @property
     def better(self) -> str | None:
@@ -97,18 +100,20 @@ class Rival(NamedTuple):
                 f"Neither the drive {self.drives[0]!r} nor {self.drives[1]!r} explains the curves: by {self.nearer!r}, "
                 f"the nearer one, {' and '.join(missed)}{rests}; are the units and the columns right?"
             )
+        over = "" if not min(self.lost) else " over the points that both reach"
         if self.better is None:
-            return f"The curves do not tell the drives {self.drives[0]!r} and {self.drives[1]!r} apart{rests}."
+            return f"The curves do not tell the drives {self.drives[0]!r} and {self.drives[1]!r} apart{over}{rests}."
         gain = abs(self.likelihoods[0] - self.likelihoods[1])
         place = self.drives.index(self.better)
         worse = self.drives[1 - place]
         verb = "comes nearer to" if self.fits[place].on_bound.any() else "explains"
         if not np.isfinite(gain):
-            return f"The drive {self.better!r} {verb} the curves; by {worse!r} some points have no state{rests}."
+            some = "more points" if min(self.lost) else "some points"
+            return f"The drive {self.better!r} {verb} the curves; by {worse!r} {some} have no state{rests}."
         than = f"than {worse!r}" if verb != "explains" else f"better than {worse!r}"
         return (
             f"The drive {self.better!r} {verb} the curves {than}: the logarithm of the likelihood is "
-            f"{gain:.3g} larger{rests}."
+            f"{gain:.3g} larger{over}{rests}."
         )
 
     def table(self) -> Table:
@@ -143,23 +148,35 @@ def by_other_drive(fit: Fit, starts: int, seed: int, tell: Tell = silent) -> Riv
         second = calibrate(Fitting(models, fitting.given.variables, fitting.curves, fitting.loss), starts, seed)
     except InputError as error:
         return f"By the other drive the curves have no fit: {error}"
-    return Rival((fit, second), drives.pop(), (likelihood(fit), likelihood(second)))
+    return rival(fit, second, drives.pop())
 
 
-def likelihood(fit: Fit) -> float:
-    """Logarithm of the likelihood of all fitted points, without its constant.
+def rival(fit: Any, second: Any, drives: tuple[str, str]) -> Rival:
+    """Both `Fit`s with their likelihoods over the points that both reach; a point that only one of them reaches speaks
+    against the other, and as many on either side cancel out."""
+    used = np.isin(fit.fitting.of_curve, [k for k, curve in enumerate(fit.fitting.curves) if curve.fit])
+    has = np.isfinite(fit.errors) & used, np.isfinite(second.errors) & used
+    lost = int((used & ~has[0]).sum()), int((used & ~has[1]).sum())
+    one, other = (likelihood(each, has[0] & has[1]) for each in (fit, second))
+    return Rival(
+        (fit, second),
+        drives,
+        (one if lost[0] <= lost[1] else -np.inf, other if lost[1] <= lost[0] else -np.inf),
+        lost,
+    )
+
+
+def likelihood(fit: Any, points: np.ndarray) -> float:
+    """Logarithm of the likelihood of some of the points, without its constant.
 
     With n points of root mean square error e, a curve of the stated noise sigma adds -n e^2 / (2 sigma^2), one whose
-    noise is estimated -n ln(e): normal errors, independent of each other. A point without a state has none.
+    noise is estimated -n ln(e): normal errors, independent of each other.
     """
     total = 0.0
     for k, curve in enumerate(fit.fitting.curves):
-        own = fit.fitting.of_curve == k
-        if not curve.fit:
+        errors = fit.errors[(fit.fitting.of_curve == k) & points]
+        if not errors.size:
             continue
-        errors = fit.errors[own]
-        if not np.isfinite(errors).all():
-            return -np.inf
         mean = float(np.mean(errors**2))
         if curve.noise is None:
             total -= 0.5 * len(errors) * np.log(max(mean, (LEAST_NOISE * curve.size) ** 2))

@@ -320,7 +320,8 @@ class SearchTab:
     def open_best(self) -> None:
         """Set the sliders to the best design."""
         if self.found is not None and self.asked is not None:
-            self.page.open_scene(scene_at(self.found.problem, self.found.best.x), self.asked.pressure)
+            at = self.asked.task if self.asked.pressure is None else self.asked.pressure
+            self.page.open_scene(scene_at(self.found.problem, self.found.best.x), at)
 
     def ask(self) -> SearchRequest:
         """What the boxes say; InputError for what cannot be meant."""

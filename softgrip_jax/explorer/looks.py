@@ -229,6 +229,12 @@ class Axis:
         self.range, self._room = Range1d(0, 1), room
         self._held: tuple[float, float] | None = None
 
+    @property
+    def middle(self) -> float:
+        """Of what is shown."""
+        shown: Any = self.range
+        return 0.5 * (shown.start + shown.end)
+
     def hold(self, values: Any) -> None:
         """Be wide enough for all finite values."""
         known = np.asarray(values, dtype=float)
@@ -300,14 +306,14 @@ class CurveView:
         before = np.flatnonzero(curve.stable & np.isfinite(y))
         self.stable.data = {"x": x[:last].tolist(), "y": y[:last].tolist()}
         self.unstable.data = {"x": x[max(last - 1, 0) :].tolist(), "y": y[max(last - 1, 0) :].tolist()}
-        marks: Columns = {"x": [], "y": [], "text": [], "align": []}
+        marks: Columns = {"x": [], "y": [], "text": []}
         if curve.end:
-            marks = {"x": [x[before[-1]]], "y": [y[before[-1]]], "text": [curve.end], "align": ["right"]}
+            marks = {"x": [x[before[-1]]], "y": [y[before[-1]]], "text": [curve.end]}
         if curve.contact is not None:
             marks["x"].append(curve.contact / kPa)
             marks["y"].append(y[curve.pressure == curve.contact][0])
             marks["text"].append("contact")
-            marks["align"].append("left")
+        marks["align"] = ["left"] * len(marks["x"])
         self.marks.data = marks
         self._hold()
         self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
@@ -318,6 +324,12 @@ class CurveView:
         pins: Any = self.pins.data
         for axis, one, many in ((self._across, "x", "xs"), (self._up, "y", "ys")):
             axis.hold([value for data in each for value in data[one]] + [v for row in pins[many] for v in row])
+        # Words go from their mark towards the middle, so that no border cuts them off.
+        marks: Any = self.marks.data
+        middle = self._across.middle
+        align = ["left" if x < middle else "right" for x in marks["x"]]
+        if align != marks["align"]:
+            self.marks.data = marks | {"align": align}
 
     def show_state(self, pressure: float, value: float, kind: str) -> None:
         """The point of the present state."""

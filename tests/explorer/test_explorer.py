@@ -474,6 +474,24 @@ def test_a_curve_has_gaps_and_its_limit_where_it_is(monkeypatch, states, end):
     assert view.marks.data["y"] == [value[last] / mm, 0]
 
 
+def test_words_on_the_curve_go_towards_its_middle():
+    """They ended at the end of the curve, and the left border cut them off where a pinned curve reached much farther;
+    'contact' began at its mark, and the right border cut it off where that is the last state."""
+    pressure = np.linspace(1, 10, 10) * kPa
+    curve = answers.CurveData(
+        "inflation", pressure, pressure * mm / kPa, pressure > 0, 10 * kPa, 10 * kPa, "limit 10 kPa", free()
+    )
+    view = CurveView(lambda pressure: None)
+    view.show(curve, "length")
+    assert view.marks.data["align"] == ["right", "right"]
+    far = dataclasses.replace(curve, pressure=10 * pressure)
+    view.show_pins([("far", far)], "length")
+    assert view.marks.data["align"] == ["left", "left"]
+    view.show_pins([], "length")
+    view.show(dataclasses.replace(curve, contact=1 * kPa), "length")
+    assert view.marks.data["align"] == ["right", "left"]
+
+
 def test_sessions_do_not_see_each_other():
     one, other = Session(plane(), 15 * kPa), Session(plane(), 15 * kPa)
     one.type_in("distance_mm", "7")

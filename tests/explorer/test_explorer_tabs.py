@@ -135,6 +135,22 @@ def test_a_goal_that_the_task_fixes_is_no_goal():
     assert "force is 4 N at the pressure that the task needs, whatever is ticked; choose another" in tab.line.text
 
 
+def test_the_best_is_opened_as_it_was_sought():
+    """A pressure that was moved after the search held for the best of the task, too: another state than was told."""
+    page = StubPage(plane())
+    page.session = Session(plane(), None, {"force": 4.0})
+    tab = SearchTab(page)
+    tab.ticks.boxes.value = [WALL]
+    tab.asked = tab.ask()
+    problem = tab.asked.problem()
+    tab.found = SimpleNamespace(problem=problem, best=SimpleNamespace(x=problem.space.reference))
+    page.session.type_in(PRESSURE, "15")
+    assert not page.session.own_task
+    tab.open_best()
+    assert page.session.own_task
+    assert page.session.task == {"force": 4.0}
+
+
 def test_stop_keeps_the_best(page):
     tab = search_tab(page)
     seen = []

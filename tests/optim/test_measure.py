@@ -245,6 +245,26 @@ def test_few_points_tell_little_of_their_noise(loss, tmp_path):
     assert unsure.half_widths(np.eye(2))[1] == pytest.approx(expected, rel=1e-6)
 
 
+def test_a_modulus_that_is_hardly_known_is_above_zero(tmp_path, capsys):
+    """The interval of a modulus that is fitted by its logarithm is that of a calibration, not one that is as long below
+    the modulus as above: of readings this noisy that one began below zero."""
+    pressure, error = np.array([2, 5, 8, 12]), np.array([3, -6, 9, -4])
+    height = inflation(pressure * kPa) / mm + error
+    rows = "\n".join(f"{p},{h:.6g}" for p, h in zip(pressure, height, strict=True))
+    (tmp_path / "first.csv").write_text(f"pressure_kPa,inflation_mm\n{rows}\n", encoding="utf-8")
+    config, measured = given(tmp_path, "[[numbers]]\nname = 'shell.t_m_mm'\ntolerance = 1e-7\n" + CURVE)
+    out = tmp_path / "out"
+    assert run(["measure", str(config), str(measured), "--out", str(out)]) == 0
+    wall, modulus = json.loads((out / "result.json").read_text())["numbers"]
+    alone = calibrate(settings.read(configs.load(config), measured).calibration.fitting, starts=1)
+    assert alone.quantile[0] * alone.deviation[0] > 1
+    assert modulus["built"] == pytest.approx(alone.x[0], rel=1e-5)
+    assert modulus["low_95"] == pytest.approx(alone.low[0], rel=1e-3)
+    assert modulus["high_95"] == pytest.approx(alone.high[0], rel=1e-3)
+    assert wall["high_95"] - wall["built"] == pytest.approx(wall["built"] - wall["low_95"], rel=1e-6)
+    assert f"kPa ({modulus['low_95'] / kPa:.5g} to" in capsys.readouterr().out
+
+
 def with_curve(folder, measured=MEASURED, further="", curve=CURVE):
     pressure = np.linspace(2, 12, 6)
     rows = "\n".join(f"{p:.6g},{h / mm:.9g}" for p, h in zip(pressure, inflation(pressure * kPa), strict=True))

@@ -445,3 +445,23 @@ def test_a_file_of_a_run_that_cannot_be_written_is_named_as_people_know_it(tmp_p
             raise ConfigError(f"{folder / 'report.html'} is too large.")
     assert str(caught.value).startswith(str(tmp_path / "one"))
     assert not list(tmp_path.iterdir())
+
+
+def test_two_runs_at_once_lose_nothing(tmp_path, monkeypatch):
+    """The second one to end was given up where both had been given, or had chosen, the same name."""
+    monkeypatch.chdir(tmp_path)
+    with new_folder(None, "name") as (one, first), new_folder(None, "name") as (other, second):
+        (one / "best.toml").write_text("1")
+        (other / "best.toml").write_text("2")
+    assert [(path.name, (path / "best.toml").read_text()) for path in (first, second)] == [
+        ("name-001", "1"),
+        ("name-002", "2"),
+    ]
+    out = tmp_path / "out"
+    words = r"out has come to exist during the run, which is in .*out-001 instead\.$"
+    with pytest.raises(ConfigError, match=words), new_folder(out, "name") as (one, _):  # noqa: PT012
+        (one / "best.toml").write_text("1")
+        with new_folder(out, "name") as (other, _):
+            (other / "best.toml").write_text("2")
+    assert [(tmp_path / name / "best.toml").read_text() for name in ("out", "out-001")] == ["2", "1"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "out-001", "runs"]

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import softgrip_jax as sg
 from optim.calibration import report as rival_fits
-from optim.calibration.drives import Rival
+from optim.calibration.drives import Rival, rival
 from optim.calibration.fit import Fit
 from optim.calibration.run import _other
 from optim.design import settings
@@ -367,13 +367,45 @@ def test_curves_name_the_drive_that_explains_them(tmp_path, capsys):
 
 
 def test_curves_without_a_state_speak_against_a_drive():
-    def rival(*likelihoods):
+    def of(*likelihoods):
         return Rival((None, None), ("thesis", "cell"), likelihoods)
 
-    assert rival(0.0, -np.inf).better == "thesis"
-    assert rival(-np.inf, 0.0).better == "cell"
-    assert rival(-np.inf, -np.inf).better is None
-    assert rival(1.0, 1.5).better is None
+    assert of(0.0, -np.inf).better == "thesis"
+    assert of(-np.inf, 0.0).better == "cell"
+    assert of(-np.inf, -np.inf).better is None
+    assert of(1.0, 1.5).better is None
+
+
+def test_points_that_neither_drive_reaches_do_not_hide_the_others():
+    """Where each of the two lost a point both likelihoods were nothing, and nothing told the drives apart."""
+
+    def fit(errors):
+        curve = SimpleNamespace(name="force", fit=True, noise=None, y=np.linspace(0, 2, 5), size=2.0)
+        space = SimpleNamespace(names=["finger.t_m"])
+        fitting = SimpleNamespace(space=space, curves=[curve], of_curve=np.zeros(5, int))
+        errors = np.array(errors)
+        left = errors[np.isfinite(errors)]
+        return SimpleNamespace(
+            on_bound=np.array([False]),
+            fitting=fitting,
+            errors=errors,
+            rmse=lambda k: float(np.sqrt(np.mean(left**2))),
+        )
+
+    good, bad = fit([0.01, -0.01, 0.01, -0.01, np.nan]), fit([0.2, -0.2, 0.2, -0.2, np.nan])
+    found = rival(bad, good, ("thesis", "cell"))
+    assert found.better == "cell"
+    assert found.likelihoods[1] - found.likelihoods[0] == pytest.approx(4 * np.log(20), rel=1e-12)
+    assert found.sentence() == (
+        "The drive 'cell' explains the curves better than 'thesis': the logarithm of the likelihood is 12 larger over "
+        "the points that both reach."
+    )
+    fewer = rival(good, fit([0.2, -0.2, np.nan, np.nan, np.nan]), ("thesis", "cell"))
+    assert fewer.lost == (1, 3)
+    assert fewer.sentence() == "The drive 'thesis' explains the curves; by 'cell' more points have no state."
+    apart = rival(fit([np.nan, -0.01, 0.01, -0.01, 0.01]), bad, ("thesis", "cell"))
+    assert apart.likelihoods[0] - apart.likelihoods[1] == pytest.approx(3 * np.log(20), rel=1e-12)
+    assert rival(good, fit([0.01, 0.01, 0.01, 0.01, np.nan]), ("thesis", "cell")).better is None
 
 
 def fit_of(error=0.1, on_bound=False, noise=None):
