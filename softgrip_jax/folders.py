@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import shutil
 import signal
@@ -129,10 +130,11 @@ def free_name(name: str) -> Path:
 def _free(folder: Path, name: str) -> Path:
     """The next name in a folder that no run has, nor one that is under way (see `new_folder`)."""
     taken = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-    number = 1
-    while any(one == (next_one := f"{name}-{number:03d}") or one.startswith(f".{next_one}-") for one in taken):
-        number += 1
-    return folder / f"{name}-{number:03d}"
+    for number in itertools.count(1):
+        next_one = f"{name}-{number:03d}"
+        if not any(one == next_one or one.startswith(f".{next_one}-") for one in taken):
+            return folder / next_one
+    raise AssertionError("itertools.count ends nowhere")
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
