@@ -363,7 +363,7 @@ def way_to(scene, pressure):
     """Where the path begins, and how it goes to the pressure."""
     span = scene.pressure_span()
     place = span.coordinate_of(jnp.asarray(pressure))
-    return begun(start_of(scene, span), span, place), to_coordinate, place, span
+    return begun(scene, start_of(scene, span), span, place), to_coordinate, place, span
 
 
 def by_newtons_method(scene, pressure):
