@@ -130,11 +130,8 @@ def free_name(name: str) -> Path:
 def _free(folder: Path, name: str) -> Path:
     """The next name in a folder that no run has, nor one that is under way (see `new_folder`)."""
     taken = [path.name for path in folder.iterdir()] if folder.is_dir() else []
-    for number in itertools.count(1):
-        next_one = f"{name}-{number:03d}"
-        if not any(one == next_one or one.startswith(f".{next_one}-") for one in taken):
-            return folder / next_one
-    raise AssertionError("itertools.count ends nowhere")
+    names = (f"{name}-{number:03d}" for number in itertools.count(1))
+    return folder / next(one for one in names if not any(n == one or n.startswith(f".{one}-") for n in taken))
 
 
 def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
