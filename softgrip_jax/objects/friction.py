@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from ..errors import InputError
 from ..fields import Checked, is_concrete, nonnegative, positive, to_float_array
 from ..numerics.choice import larger
-from ..numerics.curves import first_crossing, scan_curve
+from ..numerics.curves import CELLS, first_crossing, samples_with_turns
 from ..numerics.implicit import implicit
 from ..own import is_known, is_own, require_numbers
 
@@ -43,6 +43,10 @@ class Friction(Checked):
     @abc.abstractmethod
     def __call__(self, force: Scalar) -> Scalar:
         """mu_f, a pure number."""
+
+    def corners(self) -> Float[Array, " k"]:
+        """Normal forces (N) at which mu_f has a corner, where it has any."""
+        return jnp.zeros(0)
 
     def __check_init__(self) -> None:
         if (is_own(self) or isinstance(self, FrictionLaw)) and is_known(self):
@@ -103,6 +107,9 @@ class FrictionTable(Friction):
 
     def __call__(self, force: Scalar) -> Scalar:
         return jnp.interp(force, self.force, self.coefficient)
+
+    def corners(self):
+        return self.force
 
 
 class FrictionLaw(Friction):
@@ -206,6 +213,9 @@ class OnSlope(Friction):
         mu = friction_coefficient(self.friction, force)
         return larger((mu * self.sine - self.cosine) / (self.sine + mu * self.cosine), 0.0)
 
+    def corners(self):
+        return self.friction.corners() if isinstance(self.friction, Friction) else jnp.zeros(0)
+
 
 def friction_force(friction: Any, force: Scalar) -> Scalar:
     """The largest tangential force that a normal force holds, mu_f(F) F.
@@ -257,7 +267,10 @@ def required_normal_force(friction: Any, load: Scalar) -> Scalar:
     args = (friction, load)
     fixed = lax.stop_gradient(args)
     middle = jnp.log(jnp.where(fixed[1] > 0, fixed[1], 1.0))
-    scan = scan_curve(lambda x: short(x, fixed), middle - FRICTION_RANGE, middle + FRICTION_RANGE)
-    carried = first_crossing(lambda x: short(x, fixed), jnp.zeros_like(load), scan.x, scan.y, scan.x[-1])
+    # Where mu_f falls, what is held may have a top, and a load just below it is held around that alone.
+    even = FRICTION_RANGE * jnp.linspace(-1.0, 1.0, CELLS + 1)
+    corners = jnp.clip(jnp.log(fixed[0].corners()) - middle, even[0], even[-1])
+    x, y = samples_with_turns(lambda x: short(x, fixed), middle + jnp.sort(jnp.append(even, corners)))
+    carried = first_crossing(lambda x: short(x, fixed), jnp.zeros_like(load), x, y, x[-1])
     force = jnp.where(carried.exists, jnp.exp(implicit(short, carried.x, args)), jnp.inf)
     return jnp.where(load > 0, force, 0.0)

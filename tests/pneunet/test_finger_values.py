@@ -243,6 +243,22 @@ def test_friction_that_falls_with_the_force():
     np.testing.assert_allclose(found, (0.3 / 1.2) ** (4 / 3), rtol=1e-12)
 
 
+@pytest.mark.parametrize("part", [0.9, 0.99, 0.995, 0.9999])
+def test_what_is_held_around_a_top_alone_is_found(part):
+    """On a cone a coefficient that falls lets a force lift most, and a harder press less: a load just below that most
+    is held around its force, found here by a dense scan."""
+    smooth = sg.objects.FrictionLaw(lambda force: 0.6 + 0.9 / (1 + 4 * force))
+    wavy = sg.objects.FrictionTable(force=[0.02, 0.3, 0.35, 0.4, 2.0], coefficient=[0.7, 0.55, 1.4, 0.6, 0.5])
+    forces = jnp.exp(jnp.linspace(np.log(1e-3), np.log(10.0), 200_001))
+    for law in (smooth, wavy):
+        lift = Cone(radius=30 * mm, height=36 * mm, mass=20 * gram, friction=law).lift()
+        held = forces * jax.vmap(lift)(forces)
+        load = part * held.max()
+        found = required_normal_force(lift, load)
+        np.testing.assert_allclose(found, forces[jnp.argmax(held >= load)], rtol=1e-4)
+        np.testing.assert_allclose(found * lift(found), load, rtol=1e-12)
+
+
 # --- the linear finger --------------------------------------------------------------------------------------------
 
 
