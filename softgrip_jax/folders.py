@@ -97,7 +97,7 @@ def contents(folder: Path) -> str:
 class DeferInterrupt:
     """Ctrl-C within the block waits until its end and is then known as `asked`: what was found is written whole.
 
-    A second one does not wait.
+    A second one does not wait. Where Ctrl-C is ignored, as by what a script runs in the background, it stays so.
     """
 
     def __init__(self) -> None:
@@ -105,8 +105,9 @@ class DeferInterrupt:
 
     def __enter__(self) -> DeferInterrupt:
         # Python hands signals to the main thread alone, and lets no other one choose what they do.
-        self._is_main = threading.current_thread() is threading.main_thread()
-        if self._is_main:
+        is_main = threading.current_thread() is threading.main_thread()
+        self._waits = is_main and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+        if self._waits:
             self._before = signal.signal(signal.SIGINT, self._note)
         return self
 
@@ -118,7 +119,7 @@ class DeferInterrupt:
         self.asked = True
 
     def __exit__(self, *exception: object) -> None:
-        if self._is_main:
+        if self._waits:
             signal.signal(signal.SIGINT, self._before)
 
 

@@ -10,6 +10,8 @@ import time
 import pytest
 from conftest import ROOT
 
+from softgrip_jax.folders import DeferInterrupt
+
 # A shell's job in the background begins with Ctrl-C ignored.
 START = """
 import signal, sys
@@ -106,3 +108,16 @@ def test_ctrl_c_at_any_moment_of_the_first_seconds(command, tmp_path):
         folder.mkdir()
         early.append(check(folder, command, "", drawn.uniform(0.5, 3.0), may_have_ended=True))
     assert any(early)
+
+
+def test_a_job_in_the_background_writes_on():
+    """It begins with Ctrl-C ignored, and the first one, and the second, are nothing to it while it writes either."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with DeferInterrupt() as writing:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)
+        assert not writing.asked
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
