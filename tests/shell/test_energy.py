@@ -286,6 +286,20 @@ def test_a_step_does_not_leave_the_membrane_inside_a_box():
         assert np.min(scene.functional.gaps(found.unknowns, scene)) * 16 > -1.1  # no deeper than its wall, mm
 
 
+def test_a_branch_inside_a_box_does_not_end_the_one_in_front_of_it():
+    """A long step led into the box, where equilibrium ended early: at 18.8 kPa, and below 20 kPa."""
+    few = {"symmetry": "both", "across": 2, "lengthwise": 3, "bending": False}
+    wide, small = (
+        sg.shell.ObstacleContact(shell(b=24 * mm), Box(*(side * mm for side in sides), gap * mm), **few)
+        for sides, gap in (((5, 3.5, 6, 2.5), 5.5), ((3.5, 2.6, 4.3, 1.7), 4.5))
+    )
+    limit, short = sg.limit_pressure(wide), sg.solvers.MinimumEnergy(largest_step=0.05)
+    ends = [Status(int(sg.solve(wide, share * limit, solver=short).status)) for share in (0.999, 1.001)]
+    assert ends == [Status.OK, Status.BEYOND_LIMIT]
+    forces = [float(sg.solve(small, pressure * kPa).force) for pressure in (17, 20, 23)]
+    assert np.all(np.diff(forces) > 0)
+
+
 @pytest.mark.slow
 def test_nor_is_it_in_a_batch_or_along_a_path_or_at_a_force():
     radii = jnp.array([1.0, 1.5, 2.0]) * mm
