@@ -65,14 +65,23 @@ def minimum_at(scene: Any, load: Scalar, largest: float) -> Minimum:
 
 
 def in_front(
-    scene: Any, start: Vector, start_load: Scalar, guess: Vector, load: Scalar, largest: Scalar | float
+    scene: Any,
+    start: Vector,
+    start_load: Scalar,
+    guess: Vector,
+    load: Scalar,
+    largest: Scalar | float,
+    to_end: bool = False,
 ) -> Minimum:
     """As `follow`, by FINER and finer steps where they lead the membrane past the object. Where the finest do, too,
-    that is the answer, and `verified` says so."""
-    return _tried(scene, (start, start_load, guess), (start, start_load, guess), load, jnp.asarray(largest), 1)
+    that is the answer, and `verified` says so. to_end: whether the end of the branch is an answer as good as `load`."""
+    known = start, start_load, guess
+    return _tried(scene, known, known, load, jnp.asarray(largest), 1, to_end)
 
 
-def _tried(scene: Any, near: Any, flat: Any, load: Scalar, largest: Scalar, first: Any) -> Minimum:
+def _tried(
+    scene: Any, near: Any, flat: Any, load: Scalar, largest: Scalar, first: Any, to_end: bool = False
+) -> Minimum:
     """The minimum at `load`: try 0 is from what is `near`, and counts where it ends beside its guess; later ones are
     from what is `flat`, by finer and finer steps, until one stays in front of the object. One loop does it, so that the
     energy is compiled once."""
@@ -86,9 +95,10 @@ def _tried(scene: Any, near: Any, flat: Any, load: Scalar, largest: Scalar, firs
         start, start_load, guess = select(number == 0, near, flat)
         met = follow(scene, start, start_load, guess, load, largest * FINER ** jnp.maximum(number - 1, 0))
         beside = (number > 0) | (met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE))
-        passed = met.reached & scene.has_passed(met.y)
+        # Where the branch ended it is asked, too: that may be the end of a branch behind the object.
+        passed = scene.has_passed(met.y)
         # A finer step that leads nowhere says nothing: the object was passed, whatever lies ahead.
-        told = (number <= 1) | (met.reached & ~passed)
+        told = (number <= 1) | ((met.reached | to_end) & ~passed)
         return number + 1, (~beside | passed | ~told) & (number < last), select(told, met, before)
 
     start, start_load, guess = flat

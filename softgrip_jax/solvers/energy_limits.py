@@ -16,7 +16,7 @@ from ..numerics.control import hold, top
 from ..numerics.small_linear import solve
 from ..results import Solution, Status, stop_gradient_where_failed
 from ..scene import Found, frozen
-from .energy_follow import BESIDE, follow
+from .energy_follow import BESIDE, follow, in_front
 from .energy_values import FIRST_LOAD, LARGEST_LOAD
 
 Scalar = Float[Array, ""]
@@ -55,7 +55,7 @@ def find_limit(scene: Any, largest: float) -> Found:
 def _limit(scene: Any, largest: Scalar) -> Found:
     zero = jnp.zeros_like(scene.shell.a)
     far = zero + LARGEST_LOAD
-    climb = follow(scene, scene.unloaded_state(), zero, scene.first_guess(far), far, largest)
+    climb = in_front(scene, scene.unloaded_state(), zero, scene.first_guess(far), far, largest, to_end=True)
     kept, scaled = climb.y, climb.load**3
     # Next to the limit this is the direction in which stiffness is lost.
     _, jacobian, by_load = _linear(scene)(kept, scaled)

@@ -17,7 +17,7 @@ from softgrip_jax.shell.energy import functional as energy
 from softgrip_jax.shell.energy.basis import ORDERS, Grid, _gauss, _product, contact_tables
 from softgrip_jax.shell.energy.maps import contact_average
 from softgrip_jax.shell.energy.sheet import bending, bending_measures, tension_field
-from softgrip_jax.shell.obstacles import Cylinder, Obstacle, Plane, Shape, Sphere
+from softgrip_jax.shell.obstacles import Box, Cylinder, Obstacle, Plane, Shape, Sphere
 from softgrip_jax.units import kPa, mm
 
 # Finite elements (Q2/Q1 solids, nearly incompressible neo-Hookean, clamped, frictionless; FElupe 11.3, 0.2 to 0.5 %).
@@ -270,6 +270,34 @@ def test_a_rod_thinner_than_a_step_is_not_passed():
     # What no step finds is withheld: a wire between contact points.
     wire = sg.solve(rod(0.5 * mm), 15 * kPa)
     assert sg.Reason(int(wire.reason)) is sg.Reason.OBJECT_NOT_RESOLVED
+
+
+def test_a_step_does_not_leave_the_membrane_inside_a_box():
+    """Behind the middle of a box its sides are nearer than its lower face: they held the membrane there, some walls
+    deep, with several times the force."""
+    few = {"symmetry": "both", "across": 2, "lengthwise": 3, "bending": False}
+    short = sg.solvers.MinimumEnergy(largest_step=0.05)
+    for sides, gap, pressure in (((5, 3.5, 6, 2.5), 5.5, 12), ((6, 3, 6, 2), 7, 15), ((3.5, 2.6, 4.3, 1.7), 4.5, 12)):
+        box = Box(*(side * mm for side in sides), gap * mm)
+        scene = sg.shell.ObstacleContact(shell(b=24 * mm), box, **few)
+        found = sg.solve(scene, pressure * kPa)
+        assert Status(int(found.status)) is Status.OK
+        np.testing.assert_allclose(found.force, sg.solve(scene, pressure * kPa, solver=short).force, rtol=1e-10)
+        assert np.min(scene.functional.gaps(found.unknowns, scene)) * 16 > -1.1  # no deeper than its wall, mm
+
+
+def test_a_branch_inside_a_box_does_not_end_the_one_in_front_of_it():
+    """A long step led into the box, where equilibrium ended early: at 18.8 kPa, and below 20 kPa."""
+    few = {"symmetry": "both", "across": 2, "lengthwise": 3, "bending": False}
+    wide, small = (
+        sg.shell.ObstacleContact(shell(b=24 * mm), Box(*(side * mm for side in sides), gap * mm), **few)
+        for sides, gap in (((5, 3.5, 6, 2.5), 5.5), ((3.5, 2.6, 4.3, 1.7), 4.5))
+    )
+    limit, short = sg.limit_pressure(wide), sg.solvers.MinimumEnergy(largest_step=0.05)
+    ends = [Status(int(sg.solve(wide, share * limit, solver=short).status)) for share in (0.999, 1.001)]
+    assert ends == [Status.OK, Status.BEYOND_LIMIT]
+    forces = [float(sg.solve(small, pressure * kPa).force) for pressure in (17, 20, 23)]
+    assert np.all(np.diff(forces) > 0)
 
 
 @pytest.mark.slow

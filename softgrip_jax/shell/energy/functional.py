@@ -49,6 +49,9 @@ BETWEEN = 3
 """Points from one contact point to the next at which it is looked for what lies between them."""
 COLUMN_STEPS, LEAST_STEP = 24, 0.1
 """Steps along a column under the membrane, and the shortest of them in t_m."""
+SUNK = 1.0
+"""A face that is deeper in the object than this (in t_m), and not out of it twice as far back along its own normal, did
+not come in where it is next to the surface: it has passed a part of the object."""
 
 
 class Term(NamedTuple):
@@ -209,28 +212,34 @@ class Functional:
         return jnp.asarray(False) if scene.body is None else jnp.any(self.gaps(y, scene) < 0)
 
     def passed(self, y: Vector, scene: Any) -> Scalar:
-        """How deep the object is in a column under a face that has it wholly behind itself, in a; 0 where it is not.
+        """How deep the object is in a column under a face that has it wholly behind itself, or how deep a face is that
+        has SUNK into the object, in a; 0 where neither is so.
 
         The columns stand on the plane of the clamp, on a lattice finer than the contact points, and go up to the outer
         face. They are walked along by the distance itself, so that no thick part of the object is missed.
         """
         shell, tables = scene.shell, lattice(self.grid, BETWEEN)
+        thickness = shell.t_m / shell.a
+
+        def distance(place):
+            return scene.body.distance(shell.a * place) / shell.a
 
         def at(e, point):
-            face = local(e, point, shell.a / shell.b).face(shell.t_m / shell.a)
-
-            def distance(height):
-                return scene.body.distance(shell.a * face.at[2].set(height)) / shell.a
+            sheet = local(e, point, shell.a / shell.b)
+            face = sheet.face(thickness)
 
             def walk(_, state):
                 height, least = state
-                found = distance(height)
-                step = jnp.maximum(jnp.abs(found), LEAST_STEP * shell.t_m / shell.a)
+                found = distance(face.at[2].set(height))
+                step = jnp.maximum(jnp.abs(found), LEAST_STEP * thickness)
                 return jnp.minimum(height + step, face[2]), jnp.minimum(least, found)
 
             ground = jnp.minimum(jnp.zeros_like(face[2]), face[2])
             _, least = jax.lax.fori_loop(0, COLUMN_STEPS, walk, (ground, jnp.full_like(ground, jnp.inf)))
-            return jnp.where(distance(face[2]) >= 0, -least, 0.0)
+            depth = -distance(face)
+            back = face - 2 * depth * sheet.normal / jnp.sqrt(sheet.determinant)
+            sunk = (depth > SUNK * thickness) & (distance(back) < 0)
+            return jnp.where(depth <= 0, -least, jnp.where(sunk, depth, 0.0))
 
         return jnp.maximum(0.0, jnp.max(jax.vmap(at)(self.deformed(y, tables), tables.points)))
 

@@ -173,13 +173,13 @@ class EnergyScene(Scene):
         return jnp.where(flat, 0.0, found)
 
     def has_passed(self, unknowns: Vector) -> Bool[Array, ""]:
-        """Whether the membrane has a part of the object behind itself."""
+        """Whether the membrane has a part of the object behind itself, or has sunk into it past a part of it."""
         if self.body is None:
             return jnp.asarray(False)
         return self.functional.passed(unknowns, self) * self.shell.a > PASSED * self.shell.t_m
 
     def verified(self, found):
-        """Not converged, too, where the membrane has a part of the object behind itself: contact points missed it."""
+        """Not converged, too, where the membrane has passed a part of the object: contact points missed it."""
         found = super().verified(found)
         answered = (found.status == Status.OK) | (found.status == Status.NO_CONTACT)
         lost = answered & frozen(self).has_passed(lax.stop_gradient(found.unknowns))
