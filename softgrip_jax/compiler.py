@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
-KNOWN_BELOW = (0, 12)
-"""Versions of jaxlib before this one were seen to know these options."""
 SIDE_BY_SIDE = {"xla_cpu_parallel_codegen_split_count": 4}
 """For a program that runs often: all optimisation, on several cores."""
 QUICKLY = SIDE_BY_SIDE | {"xla_backend_optimization_level": 0}
@@ -22,8 +21,21 @@ as fast, where QUICKLY would have it run five times as long (jaxlib 0.10.1)."""
 
 
 def known_options(options: dict[str, Any] | None) -> dict[str, Any] | None:
-    """The options where XLA knows them, on a CPU; None elsewhere."""
+    """The options where XLA knows them all, on a CPU; None elsewhere."""
     import jax
-    from jaxlib.version import __version_info__ as version
 
-    return options if jax.default_backend() == "cpu" and version < KNOWN_BELOW else None
+    wanted = options and jax.default_backend() == "cpu" and _are_known(tuple(options.items()))
+    return options if wanted else None
+
+
+@functools.cache
+def _are_known(options: tuple[tuple[str, Any], ...]) -> bool:
+    """What XLA does not know it refuses: a program of one number tells, in some hundredths of a second. Versions have
+    other options, so that a list of them would have to be kept."""
+    import jax
+
+    try:
+        jax.jit(lambda: 0.0, compiler_options=dict(options)).lower().compile()
+    except jax.errors.JaxRuntimeError:
+        return False
+    return True

@@ -1,8 +1,12 @@
-"""jax 0.10.2 returns wrong numbers on the CPU without a word; this is its reproducer (jax issue 39103)."""
+"""What depends on the version of JAX: jax 0.10.2 returns wrong numbers on the CPU without a word, and this is its
+reproducer (jax issue 39103); XLA's options come and go."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+
+from softgrip_jax import compiler
 
 ROWS = 16_385
 """One more than 2^14: the batch from which jax 0.10.2 is wrong in float64."""
@@ -20,3 +24,15 @@ def test_batched_matrix_vector_product_then_reduction():
     np.testing.assert_allclose(
         computed, expected, rtol=1e-12, err_msg=f"jax {jax.__version__} computes wrong numbers on this machine"
     )
+
+
+@pytest.mark.parametrize("name", ["SIDE_BY_SIDE", "QUICKLY", "MANY_CALLS", "IN_TURN"])
+def test_xla_knows_the_options(name):
+    """A failure here is an XLA that no longer knows one: commands work on, and compile more slowly."""
+    options = getattr(compiler, name)
+    assert compiler.known_options(options) == options
+
+
+def test_an_option_that_xla_does_not_know_is_left_alone():
+    assert compiler.known_options(compiler.QUICKLY | {"xla_cpu_no_such_option": 1}) is None
+    assert compiler.known_options(None) is None
