@@ -221,3 +221,14 @@ def test_a_shape_has_a_signed_distance_too(function, given, slope):
 def test_what_is_no_distance_is_one_sentence(function, said):
     with pytest.raises(InputError, match=rf"^Shape\.function \(<lambda>\) {said}"):
         sg.shell.ObstacleContact(shell(), sg.shell.obstacles.Shape(function))
+
+
+def test_opposite_membranes_are_apart_by_their_outer_faces():
+    """The cylinder stands off the outer face, so flat membranes keep all of gap + r; half a wall was taken off."""
+    thick = sg.shell.Grasp(shell(t_m=3 * mm), radius=4 * mm, gap=5 * mm, model="energy").prepared()
+    scene = dataclasses.replace(thick, **SMALL)
+    apart = jax.jit(lambda unknowns: scene.margins_of_state(unknowns, jnp.asarray(5 * kPa))["membranes_apart"])
+    assert float(apart(scene.unloaded_state())) == pytest.approx(9 * mm, rel=1e-12)
+    bulged = scene.first_guess(jnp.asarray(1.0))
+    crest = float(np.max(scene.profile(bulged, 5 * kPa, 2001)["z_length_face"]))
+    assert float(apart(bulged)) == pytest.approx(9 * mm - crest, abs=0.02 * mm)

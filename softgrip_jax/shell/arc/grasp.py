@@ -16,6 +16,7 @@ from ...objects.friction import friction, friction_coefficient, friction_force, 
 from ...scene import Scene
 from ...units import GRAVITY
 from ..energy.contacts import EnergyCylinder, cylinder_observables
+from ..energy.resting import resting_on
 from ..energy.scene import EnergyScene
 from ..flat_shell import FlatShell, Scalar, ShellScene
 from ..obstacles import Cylinder
@@ -212,8 +213,8 @@ class EnergyGrasp(EnergyScene):
         return _target(self.mass)
 
     def margins_of_state(self, unknowns, pressure):
-        """membrane_above_clamp, and membranes_apart as of the arcs, of the outer face at the quadrature points."""
-        crest = largest(self.functional.deformed(unknowns)[:, 2, 0]) * self.shell.a + 0.5 * self.shell.t_m
+        """membrane_above_clamp, and membranes_apart as of the arcs, of the outer face at the contact points."""
+        crest = largest(resting_on(self, unknowns, self.contact_pressures(unknowns, pressure)).places[:, 2])
         rod = self.obstacle
         assert isinstance(rod, Cylinder)
         return super().margins_of_state(unknowns, pressure) | _apart(self, rod.gap + rod.radius - crest)
