@@ -131,9 +131,16 @@ def _column(asked: Asked) -> Column:
     last = BEYOND_ASKED * pressure if np.isinf(limit) else BELOW * limit
     ends = []
     if last > 0:
-        forbidding, ranges = ends_of_rules(asked, last)
-        if forbidding is None:
+        forbidding, ranges, known = ends_of_rules(asked, last)
+        if known == 0:
+            rows[UP_TO] = f"unknown: no state was found up to {in_units(last, 'pressure')}"
+        elif forbidding is None and known < last:
+            rows[UP_TO] = f"{in_units(known, 'pressure')} at least"
+        elif forbidding is None:
             rows[UP_TO] = "the limit pressure" if np.isfinite(limit) else f"{in_units(last, 'pressure')} at least"
+        elif forbidding.pressure == 0:
+            rows[UP_TO] = "none: they are broken from the first on"
+            ends.append(f"the rules of the scene hold at no pressure: {forbidding.rule.text()}.")
         else:
             rows[UP_TO] = in_units(forbidding.pressure, "pressure")
             ends.append(f"the rules of the scene hold only up to {rows[UP_TO]}; beyond it {forbidding.rule.text()}.")
@@ -153,9 +160,11 @@ class End:
     rule: Reason
 
 
-def ends_of_rules(asked: Asked, last: float) -> tuple[End | None, list[End]]:
+def ends_of_rules(asked: Asked, last: float) -> tuple[End | None, list[End], float]:
     """(where the first rule breaks that forbids something, also one that the scene ignores; where ranges of states are
-    left), at pressures up to the last one, Pa. Nothing is said of rules that are kept up to there."""
+    left; the largest pressure, Pa, at which it is known whether rules are kept, 0 where there is none), at pressures up
+    to the last one, Pa. Nothing is said of rules that are kept up to there. Where there is no state, as before a tip
+    presses, margins are NaN: such a pressure says nothing."""
     from ..quantities import rules_at_rest
 
     pressures = np.linspace(0.0, last, LOOKED_AT + 1)[1:]
@@ -165,13 +174,18 @@ def ends_of_rules(asked: Asked, last: float) -> tuple[End | None, list[End]]:
     at_rest = rules_at_rest(asked.scene)
     ranges = [name for name in names if name not in forbidding and name not in at_rest]
 
-    def end(of: list[str]) -> End | None:
-        def broken(found: Any) -> list[tuple[float, str]]:
-            return sorted((float(found[name]), name) for name in of if float(found[name]) < -BROKEN)
+    def broken(of: list[str], found: Any) -> list[tuple[float, str]]:
+        return sorted((float(found[name]), name) for name in of if float(found[name]) < -BROKEN)
 
-        return _end(pressures, margins, broken, lambda pressure: asked.at(pressure).margins)
+    def end(of: list[str]) -> tuple[End | None, float]:
+        here = [k for k, m in enumerate(margins) if broken(of, m) or not any(np.isnan(float(m[name])) for name in of)]
+        if not here:
+            return None, 0.0
+        known = [pressures[k] for k in here], [margins[k] for k in here]
+        return _end(*known, partial(broken, of), lambda pressure: asked.at(pressure).margins), float(known[0][-1])
 
-    return end(forbidding), [found for name in ranges if (found := end([name])) is not None]
+    first, known = end(forbidding)
+    return first, [found for name in ranges if (found := end([name])[0]) is not None], known
 
 
 def _end(pressures: Any, margins: list[Any], broken: Callable[..., Any], at: Callable[[float], Any]) -> End | None:

@@ -1,6 +1,7 @@
 """What the sheet for the bench expects of a design: by both laws of a finger, and up to where its rules hold."""
 
 from collections import Counter
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -94,11 +95,11 @@ def test_where_a_finger_begins_to_lie_on_itself_is_told(tmp_path):
     path.write_text(FREE)
     read = configs.load(path)
     wanted = float(sg.pressure_for(read.scene, tip_angle=2 * np.pi).pressure)
-    forbidding, ranges = ends_of_rules(Asked(read.scene, read), 25 * kPa)
-    assert forbidding is None
+    forbidding, ranges, known = ends_of_rules(Asked(read.scene, read), 25 * kPa)
+    assert (forbidding, known) == (None, 25 * kPa)
     assert [end.rule for end in ranges] == [Reason.ONE_TURN]
     assert ranges[0].pressure == pytest.approx(wanted, rel=1e-4)
-    assert ends_of_rules(Asked(read.scene, read), 0.9 * wanted) == (None, [])
+    assert ends_of_rules(Asked(read.scene, read), 0.9 * wanted) == (None, [], 0.9 * wanted)
 
 
 def test_an_ignored_rule_is_told_all_the_same(tmp_path, held):
@@ -108,6 +109,36 @@ def test_an_ignored_rule_is_told_all_the_same(tmp_path, held):
     most = 40 * kPa
     assert int(sg.solve(read.scene, most).status) == sg.Status.OK
     assert ends_of_rules(Asked(read.scene, read), most) == ends_of_rules(Asked(held.scene, held), most)
+
+
+class Answers(Asked):
+    """A scene whose margin is known at some pressures alone."""
+
+    def __init__(self, scene, margin):
+        self.scene, self.margin = scene, margin
+
+    def at(self, pressure):
+        return SimpleNamespace(margins={"clear_of_object": np.float64(self.margin(pressure))})
+
+
+@pytest.mark.parametrize(
+    ("margin", "first", "known"),
+    [
+        (lambda p: 1.0 if p > 4 else np.nan, None, 10.0),
+        (lambda p: 1.0 if p < 6.1 else np.nan, None, 6.0),
+        (lambda p: np.nan, None, 0.0),
+        (lambda p: -1.0 if p > 4 else np.nan, 0.0, 10.0),  # in no state kept
+        (lambda p: 7.3 - p if p > 4 else np.nan, 7.3, 10.0),
+    ],
+)
+def test_where_there_is_no_state_nothing_is_said_of_its_rules(held, monkeypatch, margin, first, known):
+    """Before a tip presses, a grasp has no state: it counted as one that keeps its rules."""
+    monkeypatch.setattr("softgrip_jax.commands.expected.LOOKED_AT", 10)
+    found = ends_of_rules(Answers(held.scene, margin), 10.0)
+    assert found[1:] == ([], known)
+    assert (found[0] is None) == (first is None)
+    if found[0] is not None:
+        assert found[0].pressure == pytest.approx(first, abs=1e-2)
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,25 @@ def test_steps_by_default_begin_with_a_third_and_double_up_to_four(length):
     assert found.iterations == 1 + 4 + (length - 4.5) // 4 + 1
 
 
+@pytest.mark.parametrize("below", [0.03, 0.01, 1e-3, 1e-5])
+def test_a_goal_next_to_a_sharp_top_is_met_where_it_rises(below):
+    """Newton's method from below may land where the goal falls, behind the top."""
+
+    @jax.jit
+    @jax.vmap
+    def met(top):
+        def peak(u, top):
+            place = u[1] / top
+            return u[:1] - u[1:], jnp.where(place < 1, place**2, 1.4 - 0.4 * place) - (1 - below)
+
+        return follow(peak, jnp.zeros(2), top)
+
+    tops = np.array([1.0, 2.0, 5.0])
+    end = met(tops)
+    assert np.all(end.reason == REACHED)
+    np.testing.assert_allclose(end.u[:, 1] / tops, np.sqrt(1 - below), rtol=1e-12)
+
+
 def test_a_path_that_is_too_long_is_given_up():
     y, p, reason, iterations = followed(coefficients(y0p1=1, y1p0=-2), 0, 0, 5000.0)
     assert reason == ENDED

@@ -90,7 +90,7 @@ def test_a_short_step_that_fails_from_a_rough_point_finds_that_point_better_firs
         none = jnp.asarray(False)
         for after in (
             chosen(after_step(now, point(), jnp.asarray(1.0), none, none, none, LARGEST_STEP)),
-            chosen(after_goal_trial(missed, point(), none)),
+            chosen(after_goal_trial(missed, point(), jnp.asarray(1.0), none)),
         ):
             assert bool(after.polishing) == polishing
             assert bool(after.roughly) == (roughly and not polishing)
@@ -163,8 +163,8 @@ def test_guesses_are_exact_on_parabolas():
 def test_a_goal_that_is_reached_counts_on_the_rising_part_alone():
     goal = {"mode": TO_GOAL, "high": 0.5, "stride": 0.5}
 
-    def after(new, good=True, **state):
-        return chosen(after_goal_trial(search(**goal | state), new, jnp.asarray(good)))
+    def after(new, good=True, rise=1.0, **state):
+        return chosen(after_goal_trial(search(**goal | state), new, jnp.asarray(rise), jnp.asarray(good)))
 
     there = point((0.1, 0.2), (0.6, 0.8), 0.0)
     assert int(after(there).mode) == REACHED
@@ -183,6 +183,12 @@ def test_a_goal_that_is_reached_counts_on_the_rising_part_alone():
     # A goal that was only predicted and is not there: the step that would have been made without it.
     on = after(there, good=False, high=0.0, length=0.1, stride=0.8)
     assert (int(on.mode), float(on.length)) == (STEPPING, pytest.approx(0.8))
+    # A goal that falls through zero rose through it before, and a goal at its top is level but for rounding.
+    for state in ({"high": 0.0, "stride": 0.8}, {}):
+        nearer = after(point((0.06, 0.08), goal=0.0), rise=-0.3, **state)
+        assert (int(nearer.mode), float(nearer.length)) == (STEPPING, pytest.approx(SHORTER * 0.1))
+        np.testing.assert_array_equal(nearer.before.u, np.zeros(2))
+    assert int(after(there, rise=-0.5 * LEVEL).mode) == REACHED
 
 
 # --- to a limit point -------------------------------------------------------------------------------------------------

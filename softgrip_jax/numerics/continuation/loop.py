@@ -158,7 +158,7 @@ def follow(
             (going, search),
             *([] if climb is None else [(trying, search._replace(before=new, mode=found))]),
             *after_step(search, new, rise, good, roughly, crossed & converged, by.largest),
-            *after_goal_trial(search, new, good),
+            *after_goal_trial(search, new, rise, good),
             *after_fold_trial(search, new, good),
         )
         again = (chosen.mode >= BIFURCATION) & ~search.careful

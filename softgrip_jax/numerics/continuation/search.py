@@ -188,14 +188,17 @@ def directly(search: Search) -> Bool[Array, ""]:
     return (search.mode == TO_GOAL) & (search.high == 0)
 
 
-def after_goal_trial(search: Search, new: Point, good: Bool[Array, ""]) -> tuple[Case, ...]:
+def after_goal_trial(search: Search, new: Point, rise: Scalar, good: Bool[Array, ""]) -> tuple[Case, ...]:
     to_goal = search.mode == TO_GOAL
     reached = search._replace(before=new, mode=jnp.asarray(REACHED))
     # A goal that was not where it seemed to be: the step that would have been made without it.
     on = search._replace(length=search.stride, mode=jnp.asarray(STEPPING))
     # At the limit point itself the tangent is level.
-    rising = new.tangent[-1] > jnp.where(search.at_fold, -LEVEL, 0.0)
-    return (to_goal & good & rising, reached), (directly(search), on), (to_goal, _step_again(search))
+    there = to_goal & good & (new.tangent[-1] > jnp.where(search.at_fold, -LEVEL, 0.0))
+    # Where the goal falls through zero it rose through it before: the next point is to be this side of that.
+    between = jnp.minimum(search.stride, jnp.linalg.norm(new.u - search.before.u))
+    falls, nearer = rise < -LEVEL, _step_again(search._replace(stride=between))
+    return (there & ~falls, reached), (there, nearer), (directly(search), on), (to_goal, _step_again(search))
 
 
 def _step_again(search: Search) -> Search:
