@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .errors import InputError
 from .fields import Checked, admissible, rule_names
+from .numerics.choice import largest
 from .numerics.implicit import implicit, with_derivatives_of
 from .numerics.xla import traced_once
 from .reasons import BROKEN, Reason
@@ -228,11 +229,11 @@ class Scene(Checked):
         """`found` with its residual, relabelled NOT_CONVERGED where that is not small."""
         found = frozen(found)
         evaluated = found.evaluated or frozen(self).searched().evaluated(found.unknowns, found.pressure)
-        own = jnp.max(jnp.abs(jnp.atleast_1d(evaluated[0])))
+        own = largest(jnp.abs(jnp.atleast_1d(evaluated[0])))
         # Rounding leaves a residual in proportion to the unknowns.
         own = (
             own
-            / jnp.maximum(1.0, jnp.max(jnp.abs(found.unknowns)))
+            / jnp.maximum(1.0, largest(jnp.abs(found.unknowns)))
             / (1 + found.rounding * (ROUNDING_EPS / RESIDUAL_EPS))
         )
         residual = jnp.maximum(own, jnp.abs(found.mismatch))

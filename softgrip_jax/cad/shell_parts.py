@@ -135,14 +135,14 @@ def lowest_touch(body: Obstacle, places: np.ndarray, top: Number) -> float | Non
     """
 
     @jax.jit
-    def least(places: jax.Array, z: jax.Array | float) -> jax.Array:
+    def distances(places: jax.Array, z: jax.Array | float) -> jax.Array:
         def distance(place: jax.Array) -> jax.Array:
             return body.distance(jnp.append(place, z) * mm)
 
-        return jnp.min(jax.lax.map(distance, places, batch_size=BATCH))
+        return jax.lax.map(distance, places, batch_size=BATCH)
 
     def is_clear(z: float) -> bool:
-        found = float(least(places, z))
+        found = float(np.min(distances(places, z)))
         if math.isnan(found):
             raise InputError(
                 f"The distance of the object is not a number at some place of the ring, {z:.4g} mm above the membrane; "

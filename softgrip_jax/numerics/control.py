@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .choice import largest
 from .small_linear import solve
 
 Vector = Float[Array, " n"]
@@ -52,7 +53,7 @@ def _correct(linear: Linear, y: Vector, load: Scalar, direction: Vector, place: 
     right = jnp.zeros((n + 1, 2), y.dtype)
     right = right.at[:n, 0].set(-gradient).at[n, 0].set(place - direction @ y).at[n, 1].set(1.0)
     step, tangent = solve(matrix, right).T
-    return y + step[:n], load + step[n], tangent[:n], tangent[n], jnp.max(jnp.abs(step))
+    return y + step[:n], load + step[n], tangent[:n], tangent[n], largest(jnp.abs(step))
 
 
 def hold(linear: Linear, y: Vector, load: Scalar, direction: Vector, place: Scalar) -> Held:

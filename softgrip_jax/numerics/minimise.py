@@ -20,7 +20,7 @@ from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float, Int
 
 from .batching import in_blocks, in_turn
-from .choice import select
+from .choice import largest, select
 
 Vector = Float[Array, " n"]
 Scalar = Float[Array, ""]
@@ -184,15 +184,15 @@ def _iteration(expansion: Callable[[Any, Vector, Scalar], Expansion]) -> Callabl
         trial = state.base + state.part * state.move
         x = expansion(args, trial, state.load)
         step, slope = _downhill(x.hessian, jnp.stack([-x.gradient, -x.by_load], axis=1)).T
-        size = jnp.max(jnp.abs(step))
+        size = largest(jnp.abs(step))
         definite = jnp.all(jnp.isfinite(step)) & jnp.isfinite(x.value)
         falls = x.value <= state.energy + DECREASE * state.part * state.promise + ROUNDING * (1 + jnp.abs(x.value))
         taken = definite & falls
         converged = taken & (size < CONVERGED)
         first = state.kept_load == 0
-        known = jnp.max(jnp.abs(state.kept + jnp.where(first, state.load, 0.0) * state.slope))
+        known = largest(jnp.abs(state.kept + jnp.where(first, state.load, 0.0) * state.slope))
         leap = jnp.where(x.touching, LEAP_IN_CONTACT, LEAP) * jnp.where(converged, 1.0, 2.0)
-        leapt = taken & (jnp.max(jnp.abs(trial)) > known + leap)
+        leapt = taken & (largest(jnp.abs(trial)) > known + leap)
 
         onward = state._replace(base=trial, move=step, part=one, energy=x.value, promise=x.gradient @ step)
         moved = select(taken, onward, state._replace(part=SHORTER * state.part))

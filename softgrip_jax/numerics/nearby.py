@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int
 
+from .choice import largest
 from .continuation.limit_load import null_direction
 from .continuation.newton import value_and_jacobian
 from .small_linear import solve_and_renew, solve_and_sign
@@ -87,7 +88,7 @@ def root_nearby(equations: Equations, t: Float[Array, " m"], known: Known) -> Ne
     right = -jnp.concatenate([residual[:, None], by_t], axis=1)
     moves, side, inverse = solve_and_renew(by_u, right, known.inverse, is_old)
     move, moved = moves[:, 0], moves[:, 1:]
-    is_root = jnp.max(jnp.abs(move) / (1 + jnp.abs(u))) <= NEAR
+    is_root = largest(jnp.abs(move) / (1 + jnp.abs(u))) <= NEAR
     asked = jnp.where((known.side == 0) & is_root, side, known.side)
     root = Known(u + move, inverse, asked, t, moved)
     good = is_root & (side == asked)
@@ -120,7 +121,7 @@ def _by_chords(
         u, last, _, count = state
         (residual, _), _ = equations(u, t)
         move = known.inverse @ residual
-        size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+        size = largest(jnp.abs(move) / (1 + jnp.abs(u)))
         shrinks = size <= CONTRACTION * last
         return jnp.where(shrinks, u - move, u), size, shrinks & (size > enough), count + 1
 

@@ -30,7 +30,7 @@ def found(scene: Any, pressure: Scalar) -> Found:
     carried = jnp.all(jnp.isfinite(scene.turns(each.unknowns)[0]))
     ended = jnp.any(each.status != Status.OK)
     curled = scene.passed(observed) > 0
-    exists = (jnp.max(jnp.abs(residual)) < MATCHED) & ~curled & ~ended
+    exists = jnp.all(jnp.abs(residual) < MATCHED) & ~curled & ~ended
     end = scene.pressure_span().end
     closed = pressure > end
     # The part that ends first.

@@ -20,7 +20,7 @@ from ..equations import PathEquations
 from ..errors import InputError
 from ..fields import choice, choice_or, is_concrete, to_float_array
 from ..load_path import LATER, GentlePath, LoadPath
-from ..numerics.choice import larger, smallest
+from ..numerics.choice import larger, largest, smallest
 from ..numerics.quadrature import Points, gauss_points
 from ..numerics.xla import materialised
 from ..reasons import Reason
@@ -640,7 +640,7 @@ class FingerScene(PathEquations, Scene):
         points = self.chambers()[1]
         spectrum = jnp.abs(self._at_points(unknowns) @ points.spectrum.T)
         last = -max(1, len(points.places) // 4)
-        return jnp.max(spectrum[:, last:]) / jnp.maximum(jnp.max(spectrum), 1.0)
+        return largest(spectrum[:, last:]) / jnp.maximum(largest(spectrum), 1.0)
 
     def is_loop(self, observed):
         """A held tip that has turned by more than half a turn: up to its limit point it turns by two thirds of that."""
@@ -663,7 +663,7 @@ class FingerScene(PathEquations, Scene):
 
         found = states_of(bent.cover, bent.line, self.clamp(), bent.parts, self.chambers()[1])
         (turn, _, x, y), force = corrected(cover_of, held, tip, found, bent.active, tolerance)
-        return jnp.max(jnp.abs(jnp.stack([turn, x, y, force])))
+        return largest(jnp.abs(jnp.stack([turn, x, y, force])))
 
     def bent(self, unknowns: Array, load_factor: Scalar, pressure: Scalar | Moment) -> Bent:
         """The beam from all the unknowns of the scene."""

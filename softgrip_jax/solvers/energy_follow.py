@@ -94,7 +94,7 @@ def _tried(
         number, _, before = state
         start, start_load, guess = select(number == 0, near, flat)
         met = follow(scene, start, start_load, guess, load, largest * FINER ** jnp.maximum(number - 1, 0))
-        beside = (number > 0) | (met.reached & (jnp.max(jnp.abs(met.y - guess)) < BESIDE))
+        beside = (number > 0) | (met.reached & jnp.all(jnp.abs(met.y - guess) < BESIDE))
         # Where the branch ended it is asked, too: that may be the end of a branch behind the object.
         passed = scene.has_passed(met.y)
         # A finer step that leads nowhere says nothing: the object was passed, whatever lies ahead.
@@ -187,5 +187,5 @@ def _in_turn(numbers: Float[Array, "n m"], members: Any, largest: float) -> Mini
 def _guess(known: _Known, here: Numbers, load: Scalar) -> Vector:
     """By the fit; from the last member where that is close, along its tangent with the load."""
     tangent = known.last.y + (load - known.last.load) * known.last.slope
-    close = jnp.max(jnp.abs(here - known.numbers)) < NEIGHBOURS
+    close = jnp.all(jnp.abs(here - known.numbers) < NEIGHBOURS)
     return jnp.where(close, tangent, solve(known.products, here) @ known.found)

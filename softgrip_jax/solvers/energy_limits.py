@@ -108,7 +108,7 @@ def branch(method: Any, scene: Any, n: int, limit: Found | None) -> Solution:
         held = hold(_linear(fixed), guess, load + step * rise / size, direction, direction @ guess)
         # direction . along is 1 there: what `along` is longer by tells how far the curve has turned.
         straight = jnp.linalg.norm(held.along) * TURN < 1
-        good = held.good & straight & (jnp.max(jnp.abs(held.y - guess)) < BESIDE)
+        good = held.good & straight & jnp.all(jnp.abs(held.y - guess) < BESIDE)
         kept = jax.tree.map(lambda a, b: jnp.where(good, a, b), held[:4], state[0])
         return kept, jnp.where(good, LONGER, SHORTER) * step, jnp.where(good, rest - step, rest)
 

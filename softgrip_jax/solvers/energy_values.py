@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
+from ..numerics.choice import smallest
 from ..numerics.implicit import implicit
 from ..reasons import Reason
 from ..results import Solution, Status, stop_gradient_where_failed
@@ -35,7 +36,7 @@ def onset(method: Any, scene: Any) -> Scalar:
     fixed = frozen(scene)
 
     def nearest(scene, free_unknowns):
-        return -jnp.min(scene.functional.gaps(free_unknowns, scene))
+        return -smallest(scene.functional.gaps(free_unknowns, scene))
 
     sought = seek(method, frozen(free), lambda unknowns, pressure: nearest(fixed, unknowns))
     found, within = sought.found, sought.found.status == Status.OK

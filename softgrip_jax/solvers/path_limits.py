@@ -146,7 +146,7 @@ def branch_marks(
     turned = jnp.any(turns) & (jnp.argmax(turns) > 0)
     top = jnp.where(turned, jnp.argmax(turns), index[-1])
     behind = index > top
-    over = gone | (behind & ((pressure < FALLEN * pressure[top]) | (jnp.roll(rise, 1) > 0) | ~told))
+    over = gone | (behind & ((pressure < FALLEN * pressure[top]) | (jnp.roll(rise, 1) > 0) | jnp.logical_not(told)))
     last = jnp.where(jnp.any(over), jnp.maximum(jnp.argmax(over) - 1, 1), index[-1])
     middle = jnp.clip(top, 1, index[-1] - 1)
     low, high, after = place[middle - 1], place[middle], place[middle + 1]

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..choice import largest
 from ..small_linear import solve_and_sign
 
 Vector = Float[Array, " n"]
@@ -98,7 +99,7 @@ def newton_step(
     right = jnp.stack([jnp.append(value, last), jnp.zeros_like(u).at[-1].set(1.0)], axis=1)
     found, sign = solve_and_sign(jnp.concatenate([jacobian, row[None]]), right)
     move, null = found.T
-    size = jnp.max(jnp.abs(move) / (1 + jnp.abs(u)))
+    size = largest(jnp.abs(move) / (1 + jnp.abs(u)))
     size = jnp.where(jnp.isfinite(size), size, jnp.inf)
     local = Local(goal - jnp.dot(rise, move), null / jnp.linalg.norm(null), sign, rise)
     return NewtonIteration(u - move, newton.last, size, newton.count + 1), local

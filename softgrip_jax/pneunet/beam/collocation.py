@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics.choice import largest, smallest
 from ...numerics.ivp import adaptive
 from ...numerics.quadrature import Points, between, integrals, remaining
 from ...numerics.small_linear import solve
@@ -186,8 +187,8 @@ def pushed_over_stiffness(cover: Cover, clamp: Scalar, curvature: Float[Array, "
     fine = np.linspace(0, count - 1, (BETWEEN + 1) * (count - 1) + 1)
     linear = np.maximum(0, 1 - abs(fine[:, None] - np.arange(count)))
     z, n = linear @ z, linear @ n
-    least = jnp.min(of_one_part(cover).law.stiffnesses(z, n))
-    push = jnp.maximum(jnp.max(-n), 0.0) / cover.slenderness**2
+    least = smallest(of_one_part(cover).law.stiffnesses(z, n))
+    push = jnp.maximum(largest(-n), 0.0) / cover.slenderness**2
     return jnp.where(least > 0, push / jnp.where(least > 0, least, 1.0), jnp.inf)
 
 

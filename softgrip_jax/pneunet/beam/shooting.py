@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...numerics.choice import largest
 from ...numerics.ivp import Replay, Tolerance, end_of, replay, steps_of
 from ...numerics.quadrature import Points
 from .collocation import Cover, Part, forces
@@ -170,4 +171,4 @@ def look(method: Shooting, cover: Cover, segments: Segments, points: Points) -> 
 
     found, errors = jax.vmap(inside)(*segments[:4], jnp.asarray(local))
     which = np.minimum((points.places * each).astype(int), each - 1)
-    return found.reshape(-1, each, count)[:, which, np.arange(count)], jnp.max(errors)
+    return found.reshape(-1, each, count)[:, which, np.arange(count)], largest(errors)

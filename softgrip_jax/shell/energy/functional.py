@@ -24,6 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ...numerics.choice import largest
 from .basis import (
     Grid,
     Tables,
@@ -241,7 +242,7 @@ class Functional:
             sunk = (depth > SUNK * thickness) & (distance(back) < 0)
             return jnp.where(depth <= 0, -least, jnp.where(sunk, depth, 0.0))
 
-        return jnp.maximum(0.0, jnp.max(jax.vmap(at)(self.deformed(y, tables), tables.points)))
+        return jnp.maximum(0.0, largest(jax.vmap(at)(self.deformed(y, tables), tables.points)))
 
     # --- equilibrium --------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import own
+from ...numerics.choice import largest
 from ..obstacles import Shape
 
 SYMMETRIC = 1e-9
@@ -32,7 +33,7 @@ def broken_symmetry(scene: Any, symmetry: str) -> Float[Array, ""]:
     places = jnp.concatenate([flat * np.array([[1, 1, height]]) * sizes for height in HEIGHTS])
     every = [places, *(places * mirror[None] for mirror in MIRRORS[symmetry])]
     distance, *mirrored = jnp.split(jax.vmap(scene.obstacle.distance)(jnp.concatenate(every)), len(every))
-    return jnp.max(jnp.stack([jnp.max(jnp.abs(other - distance)) for other in mirrored])) / shell.a
+    return largest(jnp.abs(jnp.stack(mirrored) - distance[None])) / shell.a
 
 
 def is_known(scene: Any) -> bool:
