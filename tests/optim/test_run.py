@@ -160,6 +160,7 @@ def test_a_stopped_run_is_kept_and_says_so(finished, monkeypatch, tmp_path):
     assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {"before_after.png"}
     assert json.loads((tmp_path / "run" / "result.json").read_text())["stopped"] is True
     assert "was stopped after 30 steps" in (tmp_path / "run" / "best.toml").read_text()
+    assert (tmp_path / "run" / "summary.txt").read_text().startswith("Stopped after 30 steps; ")
     assert sg.pressure_for(configs.load(tmp_path / "run" / "best.toml").scene).status == Status.OK
 
 
