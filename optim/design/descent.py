@@ -846,8 +846,13 @@ def score_with_slopes(problem: Problem, scales: Scales, values: Any) -> tuple[Sc
 
 def _rank(objective, violation, shortfall, tolerance=FEASIBLE):
     """Feasible designs by objective, then infeasible ones by violation, then those without equilibrium."""
-    rank = jnp.where(violation <= tolerance, objective, NO_EQUILIBRIUM_RANK + violation)
-    return jnp.where(shortfall == 0, rank, 2 * NO_EQUILIBRIUM_RANK + shortfall)
+
+    def between(first, amount):
+        """From `first` to `first` + 1 as an amount grows from zero without end, in ranks that no objective reaches."""
+        return NO_EQUILIBRIUM_RANK * (first + 1 - 1 / (1 + amount))
+
+    rank = jnp.where(violation <= tolerance, objective, between(1, violation))
+    return jnp.where(shortfall == 0, rank, between(2, shortfall))
 
 
 def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:

@@ -27,9 +27,10 @@ ROUNDING = 1e-9
 ITERATIONS = 60
 """SLSQP and least squares are done in ten to thirty from where the descent ends."""
 
-NO_EQUILIBRIUM_RANK = 1e6
-"""What a design without equilibrium deviates by: a step of least squares that led there is taken back. The descent adds
-it to the rank of infeasible designs (once) and of those without equilibrium (twice): feasible ones come first."""
+NO_EQUILIBRIUM_RANK = 1e30
+"""What a design without equilibrium deviates by: a step of least squares that led there is taken back. In the descent
+infeasible designs rank from it on, and those without equilibrium from twice as much: it is more than any objective, so
+that feasible ones come first."""
 
 BOX, SHRINK, BOXES = 0.25, 0.3, 16
 """SLSQP has no trust region: its first step may cross the whole range, to where nothing has an equilibrium, and it then
@@ -183,8 +184,10 @@ def _programmed(t: np.ndarray, look: Look, score: Any, constrained: bool) -> np.
         violations, pushes = np.asarray(worth.violations), np.asarray(slopes.violations)
         if shortfall > 0:
             raise Lost
-        return float(worth.objective), np.asarray(slopes.objective) @ by_t, violations, pushes @ by_t
+        return float(worth.objective) / size, np.asarray(slopes.objective) @ by_t / size, violations, pushes @ by_t
 
+    # SLSQP counts the objective against constraints of order one: a large weight would drown them.
+    size = max(1.0, abs(float(score(look(t)[0])[0].objective)))
     constraint = {"type": "ineq", "fun": lambda t: -judged(t)[2], "jac": lambda t: -judged(t)[3]}
 
     def run(t, bounds):

@@ -27,6 +27,9 @@ from ..records import summary as summary_line
 from . import settings
 from .pareto import Front, pareto
 
+STOPPED = "Stopped before the front was found"
+"""By Ctrl-C."""
+
 SHOWN = 9
 """Designs in the printed table, spread over the front; designs.csv has them all."""
 
@@ -48,8 +51,6 @@ def run_front(
             tell_and_keep(folder, console, partial(report, front))
             _write(folder, given, read, wanted, front)
             write_report(folder, final.name)
-    if front.stopped:
-        console.print("Stopped before the front was found; the best designs until then are kept.")
     command = next_command(wanted.problem, final / "designs" / "01.toml", front.designs[0])
     console.print(summary_line("run", final, command), soft_wrap=True)
     if front.stopped or writing.asked:
@@ -67,7 +68,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     name, at = settings.asked_first(problem)
     for k, design in enumerate(front.designs):
         scenes, kept = as_given(read, problem.scenes_at(design.x))
-        text = configs.dump(scenes, f"Design {k + 1} of a front.", **settings.question(at, scenes[name]), **kept)
+        comment = f"Design {k + 1} of a front." + (f"\n{STOPPED}." if front.stopped else "")
+        text = configs.dump(scenes, comment, **settings.question(at, scenes[name]), **kept)
         (folder / "designs" / f"{k + 1:02d}.toml").write_text(text, encoding="utf-8")
     places = [problem.asked.index(goal.quantity) for goal in problem.goals]
     plots.front(
@@ -90,6 +92,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
 def report(front: Front, console: Console) -> None:
     """Some designs of the front, from one end to the other."""
     problem = front.problem
+    if front.stopped:
+        console.print(f"{STOPPED}; the best designs until then are kept.")
     rows = np.unique(np.linspace(0, len(front.designs) - 1, SHOWN).round().astype(int))
     table = Table(title=f"a front of {len(front.designs)} designs", title_justify="left")
     table.add_column("design", justify="right")

@@ -113,11 +113,11 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
             except InputError as error:  # they are there, too
                 missed = f"{error} The nominal designs are kept."
                 result = dataclasses.replace(result, remarks=(*result.remarks, missed))
-        if result.stopped:
-            console.print(f"Stopped {where}; the designs until then are kept.")
         with DeferInterrupt() as writing:
 
             def tell_all(console: Console) -> None:
+                if result.stopped:
+                    console.print(f"Stopped {where}; the designs until then are kept.")
                 report(result, console, other)
                 for sentence in wanted.remarks:
                     console.print(sentence, soft_wrap=True, markup=False, highlight=False)

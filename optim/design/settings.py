@@ -219,6 +219,10 @@ def _followed(scenes: Scenes, table: GoalTable, points: list[list[float]], where
     at = state_of(scenes[name], "the shape", table.at, where)
     curve = np.array(points) * mm
     length = float(np.sum(np.hypot(*np.diff(curve, axis=0).T)))
+    if not length > 0:
+        raise ConfigError(
+            f"{where}: the points of follow are all [{points[0][0]:g}, {points[0][1]:g}]; two must differ."
+        )
     parts, weight = np.linspace(0.0, 1.0, len(curve)), table.weight / len(curve)
     # At the clamp the finger does not move.
     return [

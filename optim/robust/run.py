@@ -19,7 +19,7 @@ from ..problem import Limits, Problem, Scaling
 from .budget import Budget, budget
 from .count import FRESH, Count, counted, promised
 from .evaluate import SAMPLES, Error, Wants
-from .improve import ASCENT, BY_SAMPLES, DERIVATIVES, KEPT, WIDTHS, Improved, candidates, improved, is_good
+from .improve import ASCENT, BY_SAMPLES, DERIVATIVES, KEPT, KEPT_LOGIT, WIDTHS, Improved, candidates, improved, is_good
 from .parts import DesignsOfParts, Parts, Requirements, problem_of_parts
 from .scatter import Scatters
 from .settings import Uncertain
@@ -180,10 +180,8 @@ class Scattered:
         problem = self.problem
         judging = jax.jit(lambda values: score_with_slopes(problem, scaling.scales, values))
         own = designs_at(problem, judging, self.designs, best.t[None])[0]
-        wanted = self.uncertain.wanted
-        what = f"a yield of {wanted.promised:.4g}" if wanted.promised else f"the {wanted.goal} case of its parts"
-        what += "" if best.kept else ", which no design was found to keep"
-        own = dataclasses.replace(own, feasible=is_feasible(own, best.kept), active=(what, *own.active))
+        held = held_by(self.uncertain.wanted, best)
+        own = dataclasses.replace(own, feasible=is_feasible(own, best.kept), active=(*held, *own.active))
         start = problem.space.to_unit(problem.space.reference)
         return dataclasses.replace(
             nominal,
@@ -192,6 +190,14 @@ class Scattered:
             descended=float("nan"),
             solutions=self.designs.solutions(np.stack([start, best.t])),
         )
+
+
+def held_by(wanted: Wanted, best: Improved) -> tuple[str, ...]:
+    """What is wanted of the parts of a robust design, in words, where it keeps the design where it is."""
+    missed = "" if best.kept else ", which no design was found to keep"
+    if wanted.promised and (missed or best.values[1] > -KEPT_LOGIT):  # its logit is the first constraint
+        return (f"a yield of {wanted.promised:.4g}{missed}",)
+    return () if wanted.goal == "nominal" else (f"the {wanted.goal} case of its parts{missed}",)
 
 
 def is_feasible(own: Design, kept: bool) -> bool:

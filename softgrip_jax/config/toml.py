@@ -158,8 +158,13 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
         return model.model_validate(table)
     except pydantic.ValidationError as error:
         # A misspelt key is two errors, one unknown and one missing: the first says more.
-        first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
+        # Of a key that may be several things, that a number in it is not finite says more than that it is no text.
+        ranks = {"extra_forbidden": 0, "finite_number": 1}
+        first = min(error.errors(), key=lambda e: ranks.get(e["type"], 2))
         place = _place(model, first["loc"])
+        if first["type"] == "finite_number":
+            place = (*place, *first["loc"][len(place) + 1 :])
+            first["loc"] = place
         key = ".".join(str(part + 1) if isinstance(part, int) else part for part in place)
         if first["type"] == "extra_forbidden":
             *parents, name = first["loc"]

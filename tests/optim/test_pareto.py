@@ -1,5 +1,6 @@
 """Trade-offs: on the known front of published problems, evenly spread, and at least as good as NSGA-II's."""
 
+import io
 import shlex
 import signal
 
@@ -7,10 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from helpers import shell
+from rich.console import Console
 
 import optim
 import softgrip_jax as sg
 from optim.design.descent import FEASIBLE, Evaluator, search
+from optim.design.front_run import report as tell
 from optim.design.pareto import pareto
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
@@ -125,6 +128,9 @@ def test_a_front_that_is_stopped_while_its_designs_are_solved_is_kept(ctrl_c_in)
     assert found.stopped
     assert len(found.designs) >= 3
     assert all(design.feasible for design in found.designs)
+    said = io.StringIO()
+    tell(found, Console(file=said))  # what summary.txt keeps
+    assert said.getvalue().startswith("Stopped before the front was found; ")
 
 
 def test_designs_that_prove_to_have_no_equilibrium_are_not_on_the_front(monkeypatch):

@@ -475,6 +475,19 @@ def test_a_robust_design_that_cannot_be_is_not_feasible():
     assert not is_feasible(own(Status.OK, Status.IMPOSSIBLE), kept=True)
 
 
+@pytest.mark.parametrize(("high", "held"), [(13.0, True), (100.0, False)])
+def test_a_yield_holds_a_design_only_where_it_is_on_it(high, held):
+    """A yield of 90 % was said to hold designs all of whose parts are good."""
+    space = Space({"free": sg.shell.Free(shell())}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    height = Quantity("inflation", at=12 * kPa)
+    problem = Problem(space, [Goal("maximise", height)], [Limits(height, high=high * mm)])
+    scatters = Scatters([Scatter("shell.t_m", 0.02)])
+    result, robust = robust_search(problem, scatters, promised=0.9, starts=2, steps=5, finishes=1, fresh=1000)
+    assert robust.best.kept
+    assert ("a yield of 0.9" in result.best.active) is held
+    assert (robust.of_best.share > 0.95) is not held
+
+
 def test_programs_on_disk_belong_to_the_posterior_that_they_hold(tmp_path):
     """Its mean is in the scenes, its deviation in how parts are moved: the file's name alone tells neither."""
     rng = np.random.default_rng(3)

@@ -160,6 +160,7 @@ def test_a_stopped_run_is_kept_and_says_so(finished, monkeypatch, tmp_path):
     assert {path.name for path in (tmp_path / "run").iterdir()} == FILES - {"before_after.png"}
     assert json.loads((tmp_path / "run" / "result.json").read_text())["stopped"] is True
     assert "was stopped after 30 steps" in (tmp_path / "run" / "best.toml").read_text()
+    assert (tmp_path / "run" / "summary.txt").read_text().startswith("Stopped after 30 steps; ")
     assert sg.pressure_for(configs.load(tmp_path / "run" / "best.toml").scene).status == Status.OK
 
 
@@ -211,6 +212,11 @@ def test_ctrl_c_while_the_folder_is_written_waits(finished, monkeypatch, tmp_pat
         ('minimise = "pressure_kPa"', "", "a goal has 0 of minimise, maximise, reach and follow"),
         ('minimise = "pressure_kPa"', 'reach = "pressure_kPa"', "'reach' needs a target"),
         ('at = "required"    #', 'at = "soon"    #', "at must be 'required'"),
+        (
+            'at = "required"    #',
+            "at = { force_N = inf }    #",
+            r"goals\.1\.at\.force_N is inf; it should be a finite number",
+        ),
         ("low = 1.25", "", "has no bound"),
         ("starts = 32", "starts = 0", "greater than or equal to 1"),
         ("starts = 32", "start = 256", "did you mean starts"),
@@ -227,6 +233,16 @@ def test_mistakes_are_one_sentence(old, new, sentence, tmp_path):
         runs.run_design(config, tmp_path / "out", Console(file=io.StringIO()))
     assert "\n" not in str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["config.toml"]
+
+
+def test_a_curve_without_length_is_told_by_its_points(tmp_path):
+    """A scale that nobody had given was said to be zero."""
+    text = (ROOT / "configs" / "finger_tip_force.toml").read_text()
+    config = tmp_path / "config.toml"
+    goal = 'follow = [[1, 1], [1, 1]]\nscene = "free"'
+    config.write_text(text.replace('maximise = "blocked.tip_force_N"', goal, 1))
+    with pytest.raises(ConfigError, match=r"the points of follow are all \[1, 1\]; two must differ"):
+        settings.read(configs.load(config))
 
 
 def test_a_config_without_a_search_says_so(tmp_path):

@@ -78,6 +78,18 @@ def test_constrained_optimum_is_the_published_one():
     assert found.best.active == ("force_z at required at most 8 N", "flat_length at required at most 5000 mm")
 
 
+@pytest.mark.parametrize("size", [1.0, 1e6, 1e9])
+def test_a_feasible_design_is_feasible_however_large_its_objective(size):
+    """A weight, a small scale or a small target make it so; it passed for a design that breaks a constraint."""
+    limits = [lambda x: -x[0] * x[1]]  # the optimum is 2 at (1, 1)
+    problem = Formulas([lambda x: size * (x[0] ** 2 + x[1] ** 2), *limits], [0.1, 0.1], [3.0, 3.0], [-1.0])
+    found = search(problem, starts=8, steps=30)
+    assert found.best.feasible
+    assert found.best.answered
+    assert found.best.objective == pytest.approx(2 * size, rel=1e-5)
+    np.testing.assert_allclose(found.best.x, 1.0, rtol=1e-3)
+
+
 def test_the_descent_alone_comes_near():
     found = search(rosen_suzuki(), starts=16, steps=300, learning_rate=0.1, finishes=0)
     assert found.best.objective == pytest.approx(-44, rel=2e-3)
