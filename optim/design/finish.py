@@ -10,6 +10,7 @@ run inside one compiled program, would compile the physics once more.
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -184,17 +185,19 @@ def _programmed(t: np.ndarray, look: Look, score: Any, constrained: bool) -> np.
         violations, pushes = np.asarray(worth.violations), np.asarray(slopes.violations)
         if shortfall > 0:
             raise Lost
-        return float(worth.objective) / size, np.asarray(slopes.objective) @ by_t / size, violations, pushes @ by_t
+        return float(worth.objective), np.asarray(slopes.objective) @ by_t, violations, pushes @ by_t
 
     # SLSQP counts the objective against constraints of order one: a large weight would drown them.
-    size = max(1.0, abs(float(score(look(t)[0])[0].objective)))
+    size = 1.0
+    with contextlib.suppress(Lost):
+        size = max(size, abs(judged(t)[0]))
     constraint = {"type": "ineq", "fun": lambda t: -judged(t)[2], "jac": lambda t: -judged(t)[3]}
 
     def run(t, bounds):
         return minimize(
-            lambda t: judged(t)[0],
+            lambda t: judged(t)[0] / size,
             t,
-            jac=lambda t: judged(t)[1],
+            jac=lambda t: judged(t)[1] / size,
             bounds=bounds,
             constraints=[constraint] if constrained else [],
             method="SLSQP",

@@ -40,3 +40,13 @@ def test_the_derivative_is_that_of_the_chosen(function, winner):
 def test_the_derivative_is_that_of_the_first_extreme(function, place):
     values = jnp.array([[0.5, -1.0], [3.0, 3.0]])
     assert jax.grad(function)(values).reshape(-1).tolist() == [float(k == place) for k in range(4)]
+
+
+@pytest.mark.parametrize("shape", [(2048, 2), (512, 20), (3, 5000)])
+@pytest.mark.parametrize("function", [largest, smallest])
+def test_what_is_not_known_is_kept_in_large_batches(function, shape):
+    """jnp.max and jnp.min of jax 0.11 and 0.12 forget it there, on a CPU."""
+    values = np.random.default_rng(0).random(shape)
+    values[1, 1], values[2] = np.nan, np.nan
+    found = jax.jit(jax.vmap(function))(values)
+    np.testing.assert_array_equal(np.flatnonzero(np.isnan(found)), [1, 2])
