@@ -19,6 +19,8 @@ from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from .choice import largest
+
 if TYPE_CHECKING:
     import diffrax
 
@@ -144,7 +146,7 @@ def replay(field: Field, y: Any, args: Any, places: Any, solver: diffrax.Abstrac
 
     places = jnp.asarray(places)
     end, (ys, errors) = lax.scan(step, flat, (places[:-1], places[1:]))
-    return Replay(unravel(end), jax.vmap(unravel)(ys), jnp.max(jnp.sum(errors, axis=0)))
+    return Replay(unravel(end), jax.vmap(unravel)(ys), largest(jnp.sum(errors, axis=0)))
 
 
 def _tableau(solver: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
