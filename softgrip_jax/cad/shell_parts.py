@@ -24,6 +24,8 @@ from .solids import Block, Number, Shape
 
 STEP = 0.25
 """mm between the places of the ring at which the distance of the object is asked, along x, y and z."""
+TOUCHES = 1e-9 * mm
+"""A distance (m) that is none: an object that ends where the ring does touches it, whichever way places are rounded."""
 BATCH = 1 << 14
 """So many places at once."""
 
@@ -148,7 +150,7 @@ def lowest_touch(body: Obstacle, places: np.ndarray, top: Number) -> float | Non
                 f"The distance of the object is not a number at some place of the ring, {z:.4g} mm above the membrane; "
                 "it must be one there, too, so that the ring can be kept clear of the object."
             )
-        return found > 0
+        return found > TOUCHES
 
     heights = np.linspace(0.0, top, math.ceil(top / STEP) + 1)
     low = 0.0
