@@ -144,7 +144,7 @@ def lowest_touch(body: Obstacle, places: np.ndarray, top: Number) -> float | Non
         return jax.lax.map(distance, places, batch_size=BATCH)
 
     def is_clear(z: float) -> bool:
-        found = float(np.min(distances(places, z)))
+        found = float(np.min(np.asarray(distances(places, z))))  # NumPy would ask JAX for the least
         if math.isnan(found):
             raise InputError(
                 f"The distance of the object is not a number at some place of the ring, {z:.4g} mm above the membrane; "
