@@ -6,8 +6,9 @@
     high = 24                                                           low = 1.25
 
 Names and states are those of `softgrip_jax.config.keys`; the numbers beside a name are in its unit. A goal is
-`minimise`, `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) evenly spaced from clamp to tip that
-the finger's shape shall go through, of the scene named by `scene` where there are several.
+`minimise`, `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) from the clamp, [0, 0], to the tip that
+the finger's shape shall go through, of the scene named by `scene` where there are several. Each point is for the part
+of the finger that is the part of the points' way up to it.
 
 Every design keeps the rules of its scenes (walls fit, chambers do not overlap, nothing is inside the object, ...);
 `ignore_rules = ["chambers_apart"]` in [design] gives up some by name. Scenes that share a finger must treat it by the
@@ -218,12 +219,14 @@ def _followed(scenes: Scenes, table: GoalTable, points: list[list[float]], where
         raise ConfigError(f"{where}: follow must be a list of two points or more, each [x, y] in mm.")
     at = state_of(scenes[name], "the shape", table.at, where)
     curve = np.array(points) * mm
-    length = float(np.sum(np.hypot(*np.diff(curve, axis=0).T)))
+    passed = np.append(0.0, np.cumsum(np.hypot(*np.diff(curve, axis=0).T)))
+    length = float(passed[-1])
+    first = f"[{points[0][0]:g}, {points[0][1]:g}]"
     if not length > 0:
-        raise ConfigError(
-            f"{where}: the points of follow are all [{points[0][0]:g}, {points[0][1]:g}]; two must differ."
-        )
-    parts, weight = np.linspace(0.0, 1.0, len(curve)), table.weight / len(curve)
+        raise ConfigError(f"{where}: the points of follow are all {first}; two must differ.")
+    if np.any(curve[0]):
+        raise ConfigError(f"{where}: the first point of follow is {first}; it must be [0, 0], where the clamp is.")
+    parts, weight = passed / length, table.weight / len(curve)
     # At the clamp the finger does not move.
     return [
         Goal("reach", Quantity(f"{SHAPE}.{axis}", at, name, float(part)), float(value), weight, length)

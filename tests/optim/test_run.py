@@ -245,6 +245,23 @@ def test_a_curve_without_length_is_told_by_its_points(tmp_path):
         settings.read(configs.load(config))
 
 
+def test_points_of_a_curve_are_for_their_parts_of_its_length(tmp_path):
+    """Points that are not evenly spaced were taken as if they were, and the first one was never looked at."""
+    text = (ROOT / "configs" / "finger_tip_force.toml").read_text()
+    config = tmp_path / "config.toml"
+
+    def goals(points):
+        goal = f'follow = {points}\nscene = "free"'
+        config.write_text(text.replace('maximise = "blocked.tip_force_N"', goal, 1))
+        return settings.read(configs.load(config)).problem.goals
+
+    points = [[0, 0], [3, -4], [3, -14], [8, -26]]  # 5, 10 and 13 mm apart
+    along = [goal.quantity.along for goal in goals(points) if goal.quantity.along is not None]
+    np.testing.assert_allclose(along, np.repeat([5 / 28, 15 / 28, 1.0], 2))
+    with pytest.raises(ConfigError, match=r"the first point of follow is \[3, -4\]; it must be \[0, 0\]"):
+        goals(points[1:])
+
+
 def test_a_config_without_a_search_says_so(tmp_path):
     with pytest.raises(ConfigError, match=r"there is no section \[design\]"):
         settings.read(configs.load(ROOT / "configs" / "shell_flat.toml"))
