@@ -427,7 +427,8 @@ def test_the_command_writes_a_folder_that_fidelity_reads(quick_mesh, tmp_path, m
     assert inflation["pressure"] == 4e3
     assert abs(inflation["differences"]["energy"]) < 0.1
     assert cli.run(["solve", "free.toml"]) == 0
-    assert re.search(r"inflation: [+-][\d.]+ % against finite elements", capsys.readouterr().out)
+    words = r"inflation: [+-][\d.]+ % against finite elements.*, from a verification of this design: verified"
+    assert re.search(words, capsys.readouterr().out)
     assert cli.run(["verify", "free.toml", "--out", "seen"]) == cli.MISTAKE
     assert "seen exists already" in capsys.readouterr().err
 

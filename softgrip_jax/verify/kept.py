@@ -27,6 +27,8 @@ FOLDER = Path("verified")
 """Where verifications are kept, below the folder in which one works."""
 NEAR = 0.1
 """Largest relative difference of a number, dimensionless."""
+ROUNDING = 1e-9
+"""Relative differences that a number has by its way through a file or a unit."""
 VERSION = 2
 
 
@@ -56,9 +58,10 @@ class Nearby(NamedTuple):
 
     def __str__(self) -> str:
         mesh = f" (mesh error {100 * self.mesh_error:.1g} %)" if math.isfinite(self.mesh_error) else ""
+        of = f"a verified design whose numbers are within {100 * self.distance:.2g} % of this one's"
         return (
-            f"{100 * self.error:+.2g} % against finite elements{mesh}, from a verified design whose numbers are within "
-            f"{100 * self.distance:.2g} % of this one's: {self.file}"
+            f"{100 * self.error:+.2g} % against finite elements{mesh}, from "
+            f"{of if self.distance > ROUNDING else 'a verification of this design'}: {self.file}"
         )
 
 
