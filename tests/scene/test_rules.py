@@ -579,7 +579,7 @@ def test_chambers_of_bent_fingers_stay_above_the_ground():
 
 def test_free_fingers_curl_by_one_turn_at_most_where_a_search_may_choose():
     """A state beyond has its answer, with a remark: a real finger passes beside itself."""
-    scene = sg.pneunet.Free(A, weight=None, inclination="none")
+    scene = sg.pneunet.Free(A, weight=None, inclination="none", section="inextensible")
     steps = 20 * kPa, 45 * kPa
 
     @jax.jit
