@@ -201,14 +201,16 @@ def test_grasp_needs_no_stepping():
         assert float(grasp.required_force) == pytest.approx(needed, rel=1e-13)
 
 
+def law(force):
+    """mu_f of a force, N: it carries 14 N at most."""
+    return 1.4 / (1 + 0.1 * force)
+
+
 def test_required_force_with_a_friction_law():
     """mu_f(F) F = m g / 2 (6.2) for a measured table and for a law given as a function."""
 
     def table(force):
         return np.interp(force, FRICTION.force, FRICTION.coefficient)
-
-    def law(force):
-        return 1.4 / (1 + 0.1 * force)
 
     for friction, check in ((FRICTION, table), (law, law)):
         for mass in (0.137, 0.563, 1.1):
@@ -221,8 +223,8 @@ def test_required_force_with_a_friction_law():
 
 
 def test_a_weight_that_no_force_can_carry_needs_an_infinite_force():
-    """mu_f = 1.4 / (1 + F) carries at most 1.4 N however hard the shell presses."""
-    scene = sg.shell.Grasp(shell(), mass=0.5, friction=lambda force: 1.4 / (1 + force), **ROD)
+    """The law carries at most 14 N however hard the shell presses; each of two carries half of 3 kg."""
+    scene = sg.shell.Grasp(shell(), mass=3.0, friction=law, **ROD)
     assert np.isinf(float(sg.solve(scene, 15 * kPa).required_force))
     assert sg.Status(int(sg.pressure_for(scene).status)) is sg.Status.BEYOND_LIMIT
 
