@@ -187,7 +187,7 @@ at = { pressure_kPa = [10, 20] }
 """
 
 
-BLOCK, DESIGNS = 1024, 20 * 1024 + 5
+BLOCK, DESIGNS = 256, 20 * 256 + 5
 
 
 @pytest.fixture
@@ -200,6 +200,7 @@ def config(tmp_path):
 SMALL_BLOCKS = f"""
 from softgrip_jax.study import study
 study.BLOCK = {BLOCK}
+study.BATCH = {{"cpu": {BLOCK}}}
 from softgrip_jax.cli import main
 main()
 """
@@ -240,6 +241,7 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
         sg.load_study(killed)
 
     monkeypatch.setattr(chunks, "BLOCK", BLOCK)
+    monkeypatch.setattr(chunks, "BATCH", {"cpu": BLOCK})
     computed = []
     evaluate = sg.Study.evaluate
     monkeypatch.setattr(sg.Study, "evaluate", lambda self, rows: computed.append(len(rows)) or evaluate(self, rows))
@@ -940,7 +942,7 @@ def test_states_beyond_one_turn_are_counted(tmp_path, capsys):
 
 def test_a_margin_of_a_state_that_is_asked_for_stays_where_it_was():
     finger = sg.PneuNet.table_5_1("A")
-    scene = sg.pneunet.Free(finger, weight=None, inclination="none")
+    scene = sg.pneunet.Free(finger, weight=None, inclination="none", drive="small_strain")
     asked = [
         sg.Quantity("margins.one_turn", 20 * kPa),
         sg.Quantity("limit_pressure"),
