@@ -176,6 +176,15 @@ def test_json_is_the_result_and_nothing_else(finished, monkeypatch, tmp_path, ca
     assert told["best"]["variables"]["shell.a"] == pytest.approx(float(result.best.x[0]), rel=1e-12)
 
 
+@pytest.fixture
+def ctrl_c_is_heard():
+    """Tests that a script runs in the background would ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c_is_heard")
 def test_ctrl_c_while_the_folder_is_written_waits(finished, monkeypatch, tmp_path):
     config, _, _, result = finished
     summary = runs._summary
