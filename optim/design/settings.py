@@ -7,8 +7,8 @@
 
 Names and states are those of `softgrip_jax.config.keys`; the numbers beside a name are in its unit. A goal is
 `minimise`, `maximise`, `reach` (with `target`), or `follow`: points [x, y] (mm) from the clamp, [0, 0], to the tip that
-the finger's shape shall go through, of the scene named by `scene` where there are several. Each point is for the part
-of the finger that is the part of the points' way up to it.
+the finger's shape shall go through, of the scene named by `scene` where there are several. The distances between the
+points tell how far along the finger each of them is.
 
 Every design keeps the rules of its scenes (walls fit, chambers do not overlap, nothing is inside the object, ...);
 `ignore_rules = ["chambers_apart"]` in [design] gives up some by name. Scenes that share a finger must treat it by the

@@ -58,11 +58,10 @@ class Nearby(NamedTuple):
 
     def __str__(self) -> str:
         mesh = f" (mesh error {100 * self.mesh_error:.1g} %)" if math.isfinite(self.mesh_error) else ""
-        of = f"a verified design whose numbers are within {100 * self.distance:.2g} % of this one's"
-        return (
-            f"{100 * self.error:+.2g} % against finite elements{mesh}, from "
-            f"{of if self.distance > ROUNDING else 'a verification of this design'}: {self.file}"
-        )
+        source = "a verification of this design"
+        if self.distance > ROUNDING:
+            source = f"a verified design whose numbers are within {100 * self.distance:.2g} % of this one's"
+        return f"{100 * self.error:+.2g} % against finite elements{mesh}, from {source}: {self.file}"
 
 
 class Subject(NamedTuple):
