@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 import softgrip_jax as sg
 from softgrip_jax.commands.programs import files_of, program
@@ -418,6 +418,12 @@ class Problem:
         found = self.measured.measure(scenes, solutions=solutions)
         return self._judged(found, jnp.ones(len(found.statuses)), jnp.ones(()), solutions)
 
+    def stand(self, t: Float[Array, " n"]) -> Bool[Array, " d"]:
+        """Which of the `doubted` states are there along the whole way from zero load."""
+        scenes = self._bare(t)
+        found = [solution_at(scenes[name], self._asked_at(at, t)).status for name, at in self.doubted]
+        return jnp.stack(found) == Status.OK
+
     def known(self, t: Any, solutions: Sequence[Solution]) -> tuple[Known, ...]:
         """The `followed` ones of the solutions of `solved_states`, of a batch of designs t, as places to begin from."""
         of = dict(zip(self.solved_states, solutions, strict=True))
@@ -507,6 +513,22 @@ class Problem:
         shortfall = jnp.where(limit < at, 1 / NEAR_LIMIT - limit / at, 0.0)
         return shortfall, (limit * at_slopes / at - slopes) / at, found, good
 
+    def short(self, t: Float[Array, " n"], place: int) -> tuple[Scalar, Any]:
+        """(the shortfall of one of the states that a design lacks, NaN where its limit says nothing about it; its
+        derivatives by t), along the whole way from zero load."""
+        name, at = self.measured.states[place]
+
+        def shortfall(t):
+            scene, asked = self._bare(t)[name], self._asked_at(at, t)
+            limit = sg.limit_pressure(scene)
+            is_beyond = True if is_sought(asked) else limit < asked
+            status = jnp.where(is_beyond, int(Status.BEYOND_LIMIT), int(Status.NOT_CONVERGED))
+            by = _shortfall(scene, asked, status, limit)
+            return by, by
+
+        slopes, by = jax.jacfwd(shortfall, has_aux=True)(t)
+        return jnp.where(by > 0, by, jnp.nan), slopes
+
     def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
         """The scene of a `pressed` state."""
         return self._bare(t)[self.pressed[place][0]]
@@ -523,6 +545,10 @@ class Problem:
         """`solve` of a batch."""
         return self._program(self.solve, QUICKLY, t)
 
+    def standing(self, t: Any) -> Any:
+        """`stand` of a batch: a search asks it of every design that has an answer, so that it is optimised."""
+        return self._program(self.stand, SIDE_BY_SIDE, t)
+
     def solved_nearby(self, t: Any, known: tuple[Known, ...]) -> tuple[Measured, Any, tuple[Known, ...]]:
         """`solve_nearby` of a batch."""
         return self._program(self.solve_nearby, SIDE_BY_SIDE, t, known)
@@ -538,6 +564,10 @@ class Problem:
     def all_lost_nearby(self, t: Any, known: KnownFold, place: int) -> tuple[Any, Any, KnownFold, Any]:
         """`lost_nearby` of a batch."""
         return self._program(self.lost_nearby, SIDE_BY_SIDE, t, known, place=place)
+
+    def all_short(self, t: Any, place: int) -> tuple[Any, Any]:
+        """`short` of a batch."""
+        return self._program(self.short, MANY_CALLS, t, place=place)
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
@@ -559,9 +589,9 @@ class Problem:
             self._kept[key] = make()
         return self._kept[key]
 
-    def prepare(self, chunk: int, nearby: int) -> None:
-        """Have the programs for batches of `solved` and of `solved_nearby` made, where a command keeps them: the one is
-        compiled while the other is traced."""
+    def prepare(self, chunk: int, nearby: int, checked: int) -> None:
+        """Have the programs for batches of `solved`, of `solved_nearby` and of `standing` made, where a command keeps
+        them: the one is compiled while the other is traced."""
         t = np.zeros((chunk, self.space.size))
         found = getattr(self._made(self.solve, QUICKLY, t), "shapes", None)
         if found is None:
@@ -569,6 +599,8 @@ class Problem:
         known = jax.eval_shape(self.known, t, found.solutions)
         t, known = jax.tree.map(lambda v: np.zeros((nearby, *v.shape[1:]), v.dtype), (t, known))
         self._made(self.solve_nearby, SIDE_BY_SIDE, t, known)
+        if self.doubted:
+            self._made(self.stand, SIDE_BY_SIDE, np.zeros((checked, self.space.size)))
 
     def measured_with_slopes(self, t: Any, home: Any = None) -> tuple[Measured, Measured]:
         """`measure_with_slopes` of a batch, all with one home."""

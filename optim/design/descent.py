@@ -182,6 +182,8 @@ class Evaluator:
         self.problem, self.chunk, self.solves = problem, chunk, 0
         self.nearby_chunk = NEARBY_CHUNK if jax.default_backend() == "cpu" else max(chunk, NEARBY_CHUNK)
         """Designs that are solved together from what is known nearby; all, where a call costs the same for any."""
+        self.checked_chunk = CPU_CHUNK if jax.default_backend() == "cpu" else self.nearby_chunk
+        """Designs of `Problem.standing` that are solved together: each waits for the longest way of all."""
         self.home = problem.home()
         """Unit values towards which a design goes that knows no other way back to an answer."""
         self.is_near = bool(problem.followed)
@@ -221,20 +223,23 @@ class Evaluator:
             left = self._limits_first(t, found, left)
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
-            self.begin(t[left])
+            followed, along = left, self.begin(t[left])
             if found is not None or self.can_begin:
                 fresh, still = self.nearby(t[left])
                 answer(left, fresh)
                 left = left[still]
-        if len(left) and found is not None:
+            else:
+                answer(left, along)
             left = self._limits_first(t, found, left)
+            along = jax.tree.map(lambda v: v[np.searchsorted(followed, left)], along)
+            left = left[self._short(t, found, left, along)]
         if len(left):
             answer(left, self._with_shortfalls(t[left]))
         return cast(Evaluated, found)
 
     def _prepare(self) -> None:
         """Have the programs made that every search needs."""
-        self.problem.prepare(self.chunk, self.nearby_chunk)
+        self.problem.prepare(self.chunk, self.nearby_chunk, self.checked_chunk)
 
     @property
     def can_begin(self) -> bool:
@@ -323,6 +328,31 @@ class Evaluator:
                 found.statuses[of, self.problem.asked.states.index(state)] = int(Status.BEYOND_LIMIT)
         return np.flatnonzero(~done)
 
+    def _short(self, t: np.ndarray, found: Evaluated, rows: np.ndarray, along: Evaluated) -> np.ndarray:
+        """Put into rows of `found` how far they lie beyond what their scenes can do, and what there is `along` the way
+        from zero load; the places among the rows of those that have an equilibrium there all the same."""
+        lost = along.shortfall > 0
+        put, along = rows[lost], jax.tree.map(lambda v: v[lost], along)
+        shortfall, slopes = np.zeros(len(put)), np.zeros((len(put), t.shape[1]))
+        missing = self._missing(along.values, self.problem.measured.states)
+        # Of what no limit tells, the way home is the way out.
+        away = t[put] - self.home
+        unknown = 1 + np.mean(away**2, axis=1), 2 * away / t.shape[1]
+        for place, state in enumerate(self.problem.measured.states):
+            (of,) = np.nonzero(missing[:, place])
+            by, by_t = (v[of] for v in unknown)
+            if len(of) and state in self.problem.solved_states:
+                program = partial(self.problem.all_short, place=place)
+                told, told_t = self.in_chunks(program, self.chunk, t[put[of]])
+                is_told = np.isfinite(told) & np.all(np.isfinite(told_t), axis=1)
+                by, by_t = np.where(is_told, told, by), np.where(is_told[:, None], told_t, by_t)
+            shortfall[of] += by
+            slopes[of] += by_t
+        found.shortfall[put], found.shortfall_slopes[put] = shortfall, slopes
+        found.statuses[put], found.values[put] = along.statuses, along.values
+        found.value_slopes[put] = np.nan_to_num(found.value_slopes[put])
+        return np.flatnonzero(~lost)
+
     def solve(self, t: Any) -> Evaluated:
         """The designs along the whole way from zero load, as `sg.solve` does it; without derivatives."""
         t = np.atleast_2d(np.asarray(t, dtype=float))
@@ -351,12 +381,13 @@ class Evaluator:
     def _solve(self, t: np.ndarray) -> Any:
         return self.in_chunks(self.problem.solved, self.chunk, t)
 
-    def begin(self, t: np.ndarray) -> None:
-        """Get to know designs along the whole way from zero load."""
+    def begin(self, t: np.ndarray) -> Evaluated:
+        """Get to know designs along the whole way from zero load: what is found there, without derivatives."""
         found = self._solve(t)
         here = partial(Evaluator._run, self, self.problem.known)  # whoever solved it: it is a few zeros
         known = _in_calls(here, self.chunk, t, found.solutions)
         self._remember(t, known, ~self._missing(np.asarray(found.values), self.problem.followed))
+        return evaluated(found, t.shape[1])
 
     def nearby(self, t: np.ndarray, doubtful: np.ndarray | None = None) -> tuple[Evaluated, np.ndarray]:
         """What is found from the designs that are known, and the rows that are not found so; those that are doubtful
@@ -386,11 +417,10 @@ class Evaluator:
         beyond = np.zeros(len(t), bool)
         (rows,) = np.nonzero(fresh.shortfall == 0)
         if len(rows) and self.problem.doubted:
-            along = np.asarray(self._solve(t[rows]).values)
-            for state in self.problem.doubted:
-                columns = self.problem.columns_of(state)
-                lost = rows[np.any(np.isnan(along[:, columns]), axis=1)]
-                fresh.values[np.ix_(lost, columns)] = np.nan
+            stands = self.in_chunks(self.problem.standing, self.checked_chunk, t[rows])
+            for state, there in zip(self.problem.doubted, stands.T, strict=True):
+                lost = rows[~there]
+                fresh.values[np.ix_(lost, self.problem.columns_of(state))] = np.nan
                 fresh.shortfall[lost], beyond[lost] = 1.0, True
         return beyond
 

@@ -10,6 +10,7 @@ import pytest
 from helpers import ROD, shell
 
 import softgrip_jax as sg
+from optim.design.descent import Evaluator, evaluated
 from optim.problem import NEAR_LIMIT, Goal, GoalKind, Limits, Problem, Quantity, Scaling
 from optim.space import Space, Variable
 from softgrip_jax.commands import programs
@@ -120,6 +121,21 @@ def test_the_impossible_is_led_back_to_the_start(problem, measured):
     home = problem.space.to_unit(problem.space.reference)
     towards = home - np.array(WRONG)
     assert float(towards @ np.asarray(slopes.shortfall[first[3]])) < 0
+
+
+def test_a_search_says_the_same_from_the_limits_alone(problem, measured):
+    """Where a design nearby leads to no state, each state that is missing is asked by itself, by a smaller program."""
+    found, slopes, _, _, first = measured
+    points = np.array([GOOD, WEAK, THIN, WRONG])
+    evaluate = Evaluator(problem, len(points))
+    along = evaluated(jax.tree.map(lambda v: np.asarray(v)[np.array(first)], found._replace(solutions=())), 3)
+    asked = jax.tree.map(np.ones_like, along)
+    np.testing.assert_array_equal(evaluate._short(points, asked, np.arange(4), along), [0])
+    lost = np.array(first)[1:]
+    np.testing.assert_allclose(asked.shortfall[1:], found.shortfall[lost], rtol=1e-9)
+    np.testing.assert_allclose(asked.shortfall_slopes[1:], slopes.shortfall[lost], rtol=1e-7, atol=1e-9)
+    np.testing.assert_array_equal(asked.statuses[1:], found.statuses[lost])
+    assert np.all(np.isfinite(asked.value_slopes[1:]))
 
 
 def test_judgement_by_hand(problem):
@@ -289,7 +305,7 @@ def test_where_jax_keeps_no_programs_none_are_prepared(problem, tmp_path, monkey
     alone.about, alone._programs = "this test", {}
     jax.config.update("jax_enable_compilation_cache", False)
     try:
-        alone.prepare(4, 8)
+        alone.prepare(4, 8, 4)
     finally:
         jax.config.update("jax_enable_compilation_cache", True)
     assert list(tmp_path.iterdir()) == []
