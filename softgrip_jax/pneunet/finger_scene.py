@@ -36,9 +36,9 @@ from .own_parts import require_law, require_walls
 from .rules import chambers_apart, margins_of_parts
 from .section.base import SectionLaw
 from .section.choice import section_law
-from .wall.arc import gap_share, within
+from .wall.arc import within
 from .wall.base import WallModel
-from .wall.pressures import end_moment, pressure_of_moment, touching_angle, wall_limit
+from .wall.pressures import end_moment, gap_moment, pressure_of_moment, touching_angle, wall_limit
 from .wall.small_strain import SmallStrainWalls
 
 Scalar = Float[Array, ""]
@@ -512,16 +512,19 @@ class FingerScene(PathEquations, Scene):
         """M_T over mu B H^2, in the bending direction."""
         finger = self.with_chamber(chamber)
         walls = self.walls()
-        as_given = self.moment_spread == "root" or isinstance(self.drive, WallModel)
-        if not as_given:  # the share that is divided by vanishes with the gap
-            finger = dataclasses.replace(finger, h_x=larger(finger.h_x, LEAST_GAP * finger.h_L))
-        if walls is None:
-            moment = end_moment(finger, pressure, inclination)
-        else:
+        on_gap = self.moment_spread == "none" and not isinstance(self.drive, WallModel)
+        if on_gap:  # walls without any gap could not incline; the derivatives are those by the gap that is given
+            short = lax.stop_gradient(larger(LEAST_GAP * finger.h_L - finger.h_x, 0.0))
+            finger = dataclasses.replace(finger, h_x=finger.h_x + short)
+        if on_gap and self.drive == "small_strain":
+            moment = SmallStrainWalls().gap_moment(finger, pressure)
+        elif walls is not None:
             moment = walls.end_moment(finger, pressure, inclination)
+        else:
+            moment = (gap_moment if on_gap else end_moment)(finger, pressure, inclination)
+        if walls is not None:
             moment = jnp.where(pressure <= walls.largest_pressure(finger), moment, jnp.nan)
-        moment = moment / finger.moment_scale()
-        return moment if as_given else moment / gap_share(finger)
+        return moment / finger.moment_scale()
 
     def pressure_span(self):
         finger, walls = self.finger, self.walls()

@@ -148,6 +148,22 @@ def test_no_gap_is_the_limit_of_small_ones_without_the_root():
     assert angles[0] == pytest.approx(angles[1], rel=1e-4)
 
 
+@pytest.mark.parametrize("drive", ["small_strain", "thesis"])
+def test_derivative_by_a_gap_that_is_none(drive):
+    """It was zero, where a gap of ten nanometres had it whole."""
+    none = sg.pneunet.Free(A, weight=None, inclination="none", drive=drive, moment_spread="none")
+    chamber = jax.tree.map(lambda leaf: leaf[0], none.chambers()[0].chamber)
+
+    def pushed(gap):
+        fields = chamber.fields | {"h_x": gap}
+        return none.push(chamber._replace(fields=fields), jnp.asarray(8e3), jnp.zeros(()))
+
+    gaps = jnp.array([0.0, 2e-6, 4e-6])
+    value, slope = jax.jit(jax.vmap(jax.value_and_grad(pushed)))(gaps)
+    one_sided = (4 * value[1] - value[2] - 3 * value[0]) / 4e-6
+    assert float(slope[0]) == pytest.approx(float(one_sided), rel=1e-5)
+
+
 @pytest.mark.parametrize("gap", [0.0, 1e-7])
 def test_narrow_chambers_that_incline(gap):
     """Their moment falls steeply as they begin to incline: Newton's method from parallel walls found no first state."""

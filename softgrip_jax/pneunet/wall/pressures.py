@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -138,7 +139,20 @@ def wall_limit(finger: PneuNet, inclination: Any = 0.0) -> Scalar:
 
 @differentiated_once
 def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
-    """M_T of `Chamber`, N m, for inner loops. Zero, with zero derivatives, below contact; NaN where there is none.
+    """M_T of `Chamber`, N m, for inner loops. Zero, with zero derivatives, below contact; NaN where there is none."""
+    return _of_touching(lambda observed: observed["end_moment"], finger, pressure, inclination)
+
+
+@differentiated_once
+def gap_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar:
+    """As `end_moment`, but on the gap, F_p e_y: without the root, whose derivative is infinite at h_x = 0."""
+    return _of_touching(lambda observed: observed["force"] * observed["lever_arm"], finger, pressure, inclination)
+
+
+def _of_touching(
+    moment_of: Callable[[dict[str, Array]], Scalar], finger: PneuNet, pressure: Scalar, inclination: Scalar
+) -> Scalar:
+    """A moment (N m) of what `Chamber` observes; zero below contact, NaN where there is none.
 
     A wall whose pressure rises all along theta_m2 (neo-Hookean) is one scalar root; other materials are searched as the
     scene is, for the first rising branch.
@@ -167,7 +181,7 @@ def end_moment(finger: PneuNet, pressure: Scalar, inclination: Scalar) -> Scalar
         inside = touching | (found.status == Status.NO_CONTACT)
     scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))
     angle = implicit(lambda x, args: args[0].residual(x, args[1]), angle, (scene, pressure))
-    moment = scene.observe(angle, pressure)["end_moment"]
+    moment = moment_of(scene.observe(angle, pressure))
     return jnp.where(touching, moment, jnp.where(inside, 0.0, jnp.nan))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -95,13 +95,19 @@ PLATE_END = 0.5 * jnp.pi * (1 - 1e-9)
 """delta grows without bound as its angle goes to pi/2."""
 
 
-def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
-    """M_T of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
+def small_strain_gap_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
+    """F_p e_y of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
     scene = SmallStrainChamber(finger)
     touching = pressure > scene.load(scene.interval()[0])
     scene, pressure = stop_gradient_where_failed(touching, (scene, pressure))
     inflation = jnp.cbrt(jnp.where(touching, pressure, 1.0) / scene._stiffness())
-    return jnp.where(touching, scene.observe(jnp.arctan(inflation), pressure)["end_moment"], 0.0)
+    observed = scene.observe(jnp.arctan(inflation), pressure)
+    return jnp.where(touching, observed["force"] * observed["lever_arm"], 0.0)
+
+
+def small_strain_end_moment(finger: PneuNet, pressure: Scalar) -> Scalar:
+    """M_T of `SmallStrainChamber`, N m, explicit; zero, with zero derivatives, below contact."""
+    return small_strain_gap_moment(finger, pressure) * gap_share(finger)
 
 
 CONTACT_GROWS = 0.02
@@ -127,11 +133,18 @@ class SmallStrainWalls(WallModel):
     """
 
     def end_moment(self, finger, pressure, inclination):
-        pressure, begin = to_float_array(pressure), self.contact_pressure(finger)
+        return small_strain_end_moment(finger, to_float_array(pressure)) * self._come_up(finger, pressure)
+
+    def gap_moment(self, finger: PneuNet, pressure: Scalar) -> Scalar:
+        """F_p e_y, N m: `end_moment` without the root, whose derivative is infinite at h_x = 0."""
+        return small_strain_gap_moment(finger, pressure) * self._come_up(finger, pressure)
+
+    def _come_up(self, finger: PneuNet, pressure: Any) -> Scalar:
+        """The part of the moment that is there so near to contact."""
+        begin = self.contact_pressure(finger)
         gap = begin > 0
-        s = jnp.clip((pressure / jnp.where(gap, begin, 1.0) - 1) / CONTACT_GROWS, 0.0, 1.0)
-        grown = jnp.where(gap, s**3 * (10 - 15 * s + 6 * s * s), 1.0)
-        return small_strain_end_moment(finger, pressure) * grown
+        s = jnp.clip((to_float_array(pressure) / jnp.where(gap, begin, 1.0) - 1) / CONTACT_GROWS, 0.0, 1.0)
+        return jnp.where(gap, s**3 * (10 - 15 * s + 6 * s * s), 1.0)
 
     def largest_pressure(self, finger):
         return SmallStrainChamber(finger).load(jnp.arctan(MOST_INFLATION))
