@@ -246,8 +246,11 @@ class Scene(Checked):
         """Attach derivatives to a found equilibrium at a given pressure, observe, and mask."""
         pressure = found.pressure
         found = self.verified(found)
-        scene, pressure = stop_gradient_where_failed(found.status == Status.OK, (self, pressure))
-        return self.report_of(scene.with_implicit_derivative(found.unknowns, pressure), pressure, found)
+        ok = found.status == Status.OK
+        scene, pressure = stop_gradient_where_failed(ok, (self, pressure))
+        # Where a state failed its Jacobian may be singular: the tangent of its unknowns would be 0 / 0.
+        unknowns = stop_gradient_where_failed(ok, scene.with_implicit_derivative(found.unknowns, pressure))
+        return self.report_of(unknowns, pressure, found)
 
     def with_implicit_derivative(self, unknowns: Array, pressure: Scalar) -> Array:
         """Unknowns that solve `residual`, with their derivatives by everything in the scene and by the pressure."""

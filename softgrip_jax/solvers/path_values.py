@@ -96,7 +96,8 @@ def _sought(
         detail=jnp.where(meant, jnp.where(held, detail, loaded.detail), jnp.nan),
     )
     found, step = verified(found), span.step
-    solved = stop_gradient_where_failed(found.status == Status.OK, (scene, target))
+    ok = found.status == Status.OK
+    solved = stop_gradient_where_failed(ok, (scene, target))
 
     def equations(point, args):
         scene, target, step = args
@@ -104,6 +105,7 @@ def _sought(
         return jnp.append(residual, Surplus(name)(target, point, observed))
 
     point = implicit(equations, jnp.append(found.unknowns, pressure / step), (*solved, step))
+    point = stop_gradient_where_failed(ok, point)
     return point.at[-1].multiply(step), found
 
 

@@ -121,3 +121,20 @@ def test_first_leaves_are_the_finger():
         leaves, _ = ravel_pytree(make())
         assert float(leaves[T_M]) == float(FINGER.t_m)
     assert [field.name for field in dataclasses.fields(FINGER)][T_M] == "t_m"
+
+
+@pytest.mark.parametrize("sought", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_unknowns_of_lanes_without_a_solution_have_no_derivatives(sought):
+    """Their tangents were NaN, and so was that of every sum over the batch."""
+
+    def unknowns(t_m, pressure):
+        finger = dataclasses.replace(FINGER, t_m=t_m)
+        if sought:
+            return sg.pressure_for(sg.pneunet.TipContact(finger, points=4), tip_force=pressure * 1e-5).unknowns
+        return sg.solve(sg.pneunet.Linear(finger), pressure).unknowns
+
+    t_m = FINGER.t_m * jnp.array([1.0, -1.0, jnp.nan, 1.0])
+    pressure = jnp.array([3.0, 3.0, 3.0, -1.0]) * kPa
+    _, moved = jax.jit(jax.vmap(lambda t_m, p: jax.jvp(unknowns, (t_m, p), (t_m, 2 * p))))(t_m, pressure)
+    assert np.any(np.abs(np.asarray(moved)[0]) > 1e-6)
+    assert np.all(np.asarray(moved)[1:] == 0)
