@@ -7,7 +7,6 @@ out and counted. Whatever else cannot be meant is a ConfigError in one sentence 
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import re
 from collections.abc import Sequence
@@ -17,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softgrip_jax.config import ConfigError
-from softgrip_jax.config.csv_text import MARKS, uncommented
+from softgrip_jax.config.csv_text import MARKS, cells_of, uncommented
 from softgrip_jax.errors import InputError
 from softgrip_jax.units import DISPLAY, degree, number_of
 
@@ -215,21 +214,36 @@ def _table(text: str, path: Path, names: Sequence[str]) -> tuple[list[str], list
     lines = [(n, line) for n, line in enumerate(uncommented(text), 1) if line.strip()]
     if not lines:
         raise ConfigError(f"{path}: the file is empty.")
-    for k, (_, line) in enumerate(lines):
+    unread = ""
+    for k, (number, line) in enumerate(lines):
         for mark in MARKS:
-            header = [cell.strip() for cell in next(csv.reader([line], delimiter=mark))]
+            try:
+                header = [cell.strip() for cell in cells_of(line, mark)]
+            except InputError as error:
+                # Of a preamble it does no harm.
+                if all(name in line for name in names):
+                    unread = unread or f"{path}, line {number}: {error}"
+                continue
             if all(header.count(name) == 1 for name in names):
-                rest = [(n, next(csv.reader([text], delimiter=mark))) for n, text in lines[k + 1 :]]
-                return header, rest
+                return header, [(n, _cells(text, mark, path, n)) for n, text in lines[k + 1 :]]
             twice = next((name for name in names if header.count(name) > 1), None)
             if twice is not None and all(name in header for name in names):
                 raise ConfigError(
                     f"{path}, line {lines[k][0]}: {header.count(twice)} columns are called {twice!r}; it must be one: "
                     "give the others another name."
                 )
+    if unread:
+        raise ConfigError(unread)
     found = " ".join(lines[0][1].split())[:60]
     wanted = " and ".join(map(repr, names))
     raise ConfigError(f"{path}: there is no header line with the columns {wanted}; the first line is {found!r}.")
+
+
+def _cells(line: str, mark: str, path: Path, number: int) -> list[str]:
+    try:
+        return cells_of(line, mark)
+    except InputError as error:
+        raise ConfigError(f"{path}, line {number}: {error}") from None
 
 
 class Heading(NamedTuple):
@@ -308,8 +322,14 @@ def check_pressures(name: str, x: np.ndarray, path: Path) -> list[str]:
 
 
 def falls_again(what: str, x: np.ndarray, path: Path) -> list[str]:
-    """A sentence where what is set rises and falls again."""
+    """A sentence where what is set rises and falls again, or falls from the first point on."""
     fall = float(np.max(np.maximum.accumulate(x) - x))
+    rise = float(np.max(x - np.minimum.accumulate(x)))
+    if fall > FALL * np.ptp(x) >= rise:
+        return [
+            f"{path.name}: the {what} falls from the first point to the last; every point is used, and if the specimen "
+            "was unloaded on the way, hysteresis, which the models do not have, counts as an error of the model."
+        ]
     if fall > FALL * np.ptp(x):
         return [
             f"{path.name}: the {what} rises and falls again; every point is used, and hysteresis, which the models "

@@ -32,13 +32,15 @@ NOISY = 2.0
 
 
 def misses(fit: Any) -> dict[str, float]:
-    """Of every fitted curve of a `Fit`: the RMS error as a part of its range; 0 where that is the stated noise."""
+    """Of every fitted curve of a `Fit`: the RMS error as a part of its range, of its size where all points are at one
+    pressure or strain, whose range is that of the noise; 0 where that is the stated noise."""
     found = {}
     for k, curve in enumerate(fit.fitting.curves):
         if curve.fit:
             error = fit.rmse(k)
             is_noise = curve.noise is not None and error <= NOISY * curve.noise
-            found[curve.name] = 0.0 if is_noise else error / (float(np.ptp(curve.y)) or curve.size)
+            span = float(np.ptp(curve.y)) if np.ptp(curve.x) > 0 else 0.0
+            found[curve.name] = 0.0 if is_noise else error / (span or curve.size)
     return found
 
 

@@ -36,7 +36,7 @@ from softgrip_jax.errors import ConfigError, InputError, located
 from ..posterior.priors import BETWEEN, DISCREPANCY, Prior, Sampling, require_proper, weak
 from ..space import Space, Variable
 from ..tension.test import Tension, material_of
-from .data import UNITS, Column, Curve, check_pressures, falls_again, read_columns
+from .data import UNITS, Column, Curve, check_pressures, falls_again, heading_of, read_columns
 from .fit import STARTS
 from .intervals import METHODS, REPEATS
 from .model import LOSSES, Fitting
@@ -263,7 +263,7 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
         raise InputError(f"Curve {name!r} names a file twice; a specimen counts once.")
     if x.name == y.name:
         raise InputError(f"Curve {name!r} takes the column {x.name!r} twice, for what is set and for what is measured.")
-    parts, notes = [], []
+    parts, notes = [], unlike_headings(name, [x, y])
     for one in files:
         data, said = read_columns(folder / one, [x, y])
         if x.kind == "pressure":
@@ -282,6 +282,21 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
         found["specimen"] = np.repeat(np.arange(len(files)), [len(part) for part in parts])
         found["specimens"] = _names(files)
     return found
+
+
+def unlike_headings(name: str, columns: list[Column]) -> list[str]:
+    """A sentence for each column of a curve whose name says another unit than the config does. A name that ends with 1
+    says none."""
+    said = []
+    for column in columns:
+        found = heading_of(column.name, column.kind)
+        unit = found.unit or found.unknown
+        if unit not in ("", "1", column.unit):
+            said.append(
+                f"{name}: the name of the column {column.name!r} says {unit}, and the config takes its numbers as "
+                f"{column.unit}; is that unit right?"
+            )
+    return said
 
 
 def _names(files: list[str]) -> tuple[str, ...]:

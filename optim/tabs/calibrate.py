@@ -6,7 +6,6 @@ nothing in it is run.
 
 from __future__ import annotations
 
-import csv
 import re
 import threading
 from functools import partial
@@ -20,6 +19,7 @@ import panel as pn
 from bokeh.models import ColumnDataSource, HoverTool, Span
 from panel.models.file_dropper import FileDropper
 
+from softgrip_jax.config.csv_text import cells_of
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import BLUE, VERMILION
 from softgrip_jax.explorer.page import CSS, Page, table_html
@@ -295,7 +295,7 @@ def header_of(text: str, name: str) -> list[str]:
     """The names of the columns: the line before the first line of numbers; ConfigError where there is none."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")][:HEAD_LINES]
     for mark in ",;\t":
-        rows = [[cell.strip() for cell in next(csv.reader([line], delimiter=mark))] for line in lines]
+        rows = [_cells(line, mark) for line in lines]
         for head, row in pairwise(rows):
             if len(row) == len(head) > 1 and all(map(_is_number, row)) and any(map(_is_value, row)):
                 header = [cell for cell in head if cell and head.count(cell) == 1]
@@ -304,6 +304,14 @@ def header_of(text: str, name: str) -> list[str]:
     raise ConfigError(
         f"{name}: there is no header line with two names of columns above a line of numbers; decimals need a point."
     )
+
+
+def _cells(line: str, mark: str) -> list[str]:
+    """Empty where the line cannot be read: what is wrong with it is said where it is read for its numbers."""
+    try:
+        return [cell.strip() for cell in cells_of(line, mark)]
+    except InputError:
+        return []
 
 
 def _is_number(cell: str) -> bool:

@@ -13,7 +13,7 @@ from conftest import ROOT
 
 import softgrip_jax as sg
 from optim.calibration import report as calibrate_report
-from optim.calibration.data import Column, read_columns
+from optim.calibration.data import UNITS, Column, read_columns
 from optim.calibration.settings import ColumnTable, column, read_specimens
 from optim.design import settings
 from softgrip_jax import config as configs
@@ -207,6 +207,10 @@ HEADER = "p,h\n"
         (HEADER + "10,-3\n12,-4\n13,-5\n", "inflation has the other sign than the model's at the values as given"),
         ("pressure,h\n5,7\n", "there is no header line with the columns 'p' and 'h'"),
         ("p,h,h\n5,7,8\n6,8,9\n7,9,9\n", "line 1: 2 columns are called 'h'; it must be one: give the others another"),
+        (HEADER + '5,7\n6,"8\n7,9\n', "line 3: The quotation mark before '8' is not closed on this line; close it, or"),
+        ('p,"h\n5,7\n6,8\n7,9\n', "line 1: The quotation mark before 'h' is not closed on this line"),
+        ('p,h,of\n5,7,"a\n6,8,b\n7,9,c\n', "line 2: The quotation mark before 'a' is not closed on this line"),
+        (HEADER + "5,7\n6,8\n7," + "1" * 131073 + "\n", "line 4: A cell has more than 131072 characters"),
         (HEADER + "-5,7\n6,8\n7,9\n", "a pressure of curve 'free' is -5 kPa; gauge pressures are zero or more"),
     ],
 )
@@ -291,11 +295,33 @@ def test_a_pressure_that_falls_again_is_said(tmp_path):
     assert check_pressures("free", up, tmp_path / "a.csv") == []
     (sentence,) = check_pressures("free", np.append(up, up[::-1]), tmp_path / "a.csv")
     assert "rises and falls again" in sentence
+    (sentence,) = check_pressures("free", up[::-1], tmp_path / "a.csv")
+    assert "the pressure falls from the first point to the last" in sentence
+
+
+@pytest.mark.parametrize(
+    ("names", "units", "said"),
+    [
+        (("p_psi", "h"), ("kPa", "mm"), ["'p_psi' says psi, and the config takes its numbers as kPa"]),
+        (("p", "F (mN)"), ("kPa", "N"), ["'F (mN)' says mN, and the config takes its numbers as N"]),
+        (("p [atm]", "h_mm"), ("bar", "mm"), ["'p [atm]' says atm, and the config takes its numbers as bar"]),
+        (("p_kPa", "h"), ("kPa", "mm"), []),
+        (("strain_1", "s (MPa)"), ("%", "MPa"), []),
+    ],
+)
+def test_a_heading_of_another_unit_is_asked_about(names, units, said, tmp_path):
+    """psi read as kPa is a factor of seven, which the values alone do not show."""
+    (tmp_path / "a.csv").write_text(",".join(names) + "\n1,0.1\n2,0.2\n3,0.3\n")
+    kinds = [next(kind for kind, known in UNITS.items() if unit in known) for unit in units]
+    x, y = (Column(*one) for one in zip(names, kinds, units, strict=True))
+    notes = read_specimens(tmp_path, "a.csv", "free", x, y)["notes"]
+    assert len(notes) == len(said)
+    assert all(wanted in note for note, wanted in zip(notes, said, strict=True))
 
 
 def test_preambles_and_separators_do_no_harm(tmp_path):
     path = tmp_path / "test.csv"
-    path.write_text("Machine;Instron\nSpeed;450\n;;\nTime (s);Strain;Stress (MPa)\n0.1;0.05;0.1\n0.2;0.1;0.2\n")
+    path.write_text('"Machine;Instron\nSpeed;450\n;;\nTime (s);Strain;Stress (MPa)\n0.1;"0.05";0.1\n0.2;0.1;0.2\n')
     data, notes = read_columns(path, [Column("Strain", "number", "1"), Column("Stress (MPa)", "pressure", "MPa")])
     np.testing.assert_allclose(data, [[0.05, 1e5], [0.1, 2e5]])
     assert notes == []
