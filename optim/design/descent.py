@@ -174,8 +174,8 @@ class Evaluator:
     It remembers where it has been: a design is solved from the nearest one that it knows (`Problem.solve_nearby`), and
     along the whole way from zero load (`Problem.solve`) only where that does not lead to an equilibrium. What lies
     beyond a limit point learns from that how far (`Problem.lost_nearby`), and what has no equilibrium for another
-    reason asks `Problem.measured_with_slopes`. Each of them is compiled when it is first needed, the first two together
-    (`Problem.prepare`).
+    reason asks for each state that it lacks (`Problem.short`). Each of them is compiled when it is first needed, the
+    first two together (`Problem.prepare`).
     """
 
     def __init__(self, problem: Problem, chunk: int):
