@@ -380,7 +380,7 @@ def test_points_that_neither_drive_reaches_do_not_hide_the_others():
     """Where each of the two lost a point both likelihoods were nothing, and nothing told the drives apart."""
 
     def fit(errors):
-        curve = SimpleNamespace(name="force", fit=True, noise=None, y=np.linspace(0, 2, 5), size=2.0)
+        curve = SimpleNamespace(name="force", fit=True, noise=None, x=np.arange(5), y=np.linspace(0, 2, 5), size=2.0)
         space = SimpleNamespace(names=["finger.t_m"])
         fitting = SimpleNamespace(space=space, curves=[curve], of_curve=np.zeros(5, int))
         errors = np.array(errors)
@@ -410,7 +410,7 @@ def test_points_that_neither_drive_reaches_do_not_hide_the_others():
 
 def fit_of(error=0.1, on_bound=False, noise=None):
     """A fit of one curve with a range of 2, by its RMS error."""
-    curve = SimpleNamespace(name="force", fit=True, noise=noise, y=np.array([1.0, 3.0]), size=3.0)
+    curve = SimpleNamespace(name="force", fit=True, noise=noise, x=np.arange(2), y=np.array([1.0, 3.0]), size=3.0)
     fitting = SimpleNamespace(space=SimpleNamespace(names=["finger.t_m"]), curves=[curve])
     return SimpleNamespace(on_bound=np.array([on_bound]), fitting=fitting, rmse=lambda k: error)
 
@@ -446,7 +446,7 @@ def test_a_fit_without_a_state_is_json():
     """It was NaN, which JSON does not have."""
 
     def curve(name):
-        return SimpleNamespace(name=name, fit=True, noise=None, y=np.array([1.0, 2.0]), size=2.0)
+        return SimpleNamespace(name=name, fit=True, noise=None, x=np.arange(2), y=np.array([1.0, 2.0]), size=2.0)
 
     other = SimpleNamespace(
         rmse=lambda k: [np.nan, 0.5][k],
