@@ -363,7 +363,7 @@ class Problem:
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
-        return self._judged(found, jnp.stack(shortfalls), 1 + jnp.mean((t - home) ** 2), solutions)
+        return self._judged(found, jnp.stack(shortfalls), _from_home(t, home), solutions)
 
     def _solutions(self, scenes: dict[str, Scene], t: Float[Array, " n"]) -> dict[tuple[str, State], Solution]:
         return {(name, at): solution_at(scenes[name], self._asked_at(at, t)) for name, at in self.solved_states}
@@ -513,21 +513,25 @@ class Problem:
         shortfall = jnp.where(limit < at, 1 / NEAR_LIMIT - limit / at, 0.0)
         return shortfall, (limit * at_slopes / at - slopes) / at, found, good
 
-    def short(self, t: Float[Array, " n"], place: int) -> tuple[Scalar, Any]:
-        """(the shortfall of one of the states that a design lacks, NaN where its limit says nothing about it; its
-        derivatives by t), along the whole way from zero load."""
+    def short(self, t: Float[Array, " n"], home: Float[Array, " n"], place: int) -> tuple[Scalar, Any]:
+        """(the shortfall of one of the states that a design lacks, its derivatives by t), along the whole way from zero
+        load. home: as of `measure`."""
         name, at = self.measured.states[place]
 
         def shortfall(t):
+            lost = _from_home(t, home)
+            if (name, at) not in self.solved_states:
+                return lost, lost
             scene, asked = self._bare(t)[name], self._asked_at(at, t)
             limit = sg.limit_pressure(scene)
             is_beyond = True if is_sought(asked) else limit < asked
             status = jnp.where(is_beyond, int(Status.BEYOND_LIMIT), int(Status.NOT_CONVERGED))
             by = _shortfall(scene, asked, status, limit)
+            by = jnp.where(by > 0, by, lost)
             return by, by
 
         slopes, by = jax.jacfwd(shortfall, has_aux=True)(t)
-        return jnp.where(by > 0, by, jnp.nan), slopes
+        return by, slopes
 
     def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
         """The scene of a `pressed` state."""
@@ -565,9 +569,9 @@ class Problem:
         """`lost_nearby` of a batch."""
         return self._program(self.lost_nearby, SIDE_BY_SIDE, t, known, place=place)
 
-    def all_short(self, t: Any, place: int) -> tuple[Any, Any]:
-        """`short` of a batch."""
-        return self._program(self.short, MANY_CALLS, t, place=place)
+    def all_short(self, t: Any, home: Any, place: int) -> tuple[Any, Any]:
+        """`short` of a batch, all with one home."""
+        return self._program(self.short, MANY_CALLS, t, jnp.broadcast_to(home, jnp.shape(t)), place=place)
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
@@ -759,6 +763,11 @@ class Scaling:
                 "the key scale beside it sets another."
             )
         return found
+
+
+def _from_home(t: Float[Array, " n"], home: Float[Array, " n"]) -> Scalar:
+    """The shortfall of a design of which no limit tells how far it is from an answer: the way back is the way home."""
+    return 1 + jnp.mean((t - home) ** 2)
 
 
 def _shortfall(scene: Scene, at: State | Scalar, status: Array, limit: Scalar | None) -> Scalar:

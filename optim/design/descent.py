@@ -335,17 +335,10 @@ class Evaluator:
         put, along = rows[lost], jax.tree.map(lambda v: v[lost], along)
         shortfall, slopes = np.zeros(len(put)), np.zeros((len(put), t.shape[1]))
         missing = self._missing(along.values, self.problem.measured.states)
-        # Of what no limit tells, the way home is the way out.
-        away = t[put] - self.home
-        unknown = 1 + np.mean(away**2, axis=1), 2 * away / t.shape[1]
-        for place, state in enumerate(self.problem.measured.states):
+        for place in np.flatnonzero(np.any(missing, axis=0)):
             (of,) = np.nonzero(missing[:, place])
-            by, by_t = (v[of] for v in unknown)
-            if len(of) and state in self.problem.solved_states:
-                program = partial(self.problem.all_short, place=place)
-                told, told_t = self.in_chunks(program, self.chunk, t[put[of]])
-                is_told = np.isfinite(told) & np.all(np.isfinite(told_t), axis=1)
-                by, by_t = np.where(is_told, told, by), np.where(is_told[:, None], told_t, by_t)
+            program = partial(self.problem.all_short, home=self.home, place=int(place))
+            by, by_t = self.in_chunks(program, self.chunk, t[put[of]])
             shortfall[of] += by
             slopes[of] += by_t
         found.shortfall[put], found.shortfall_slopes[put] = shortfall, slopes
