@@ -219,7 +219,7 @@ class Evaluator:
                 fresh, still = self.nearby(t[again])
                 answer(again, fresh)
                 left = np.setdiff1d(left, np.delete(again, still))
-        if len(left) and any(len(limit.at) for limit in self.limits):
+        if len(left) and found is not None and any(len(limit.at) for limit in self.limits):
             left = self._limits_first(t, found, left)
         if len(left):
             # What has an equilibrium all the same is known now, and found at once.
@@ -229,7 +229,7 @@ class Evaluator:
                 answer(left, fresh)
                 left = left[still]
             else:
-                answer(left, along)
+                answer(left, along._replace(value_slopes=np.zeros_like(along.value_slopes)))
             left = self._limits_first(t, found, left)
             along = jax.tree.map(lambda v: v[np.searchsorted(followed, left)], along)
             left = left[self._short(t, found, left, along)]

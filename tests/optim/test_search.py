@@ -189,6 +189,14 @@ def test_beyond_a_limit_point_a_finger_says_how_far():
     np.testing.assert_allclose(found.shortfall_slopes[lost], slopes.shortfall[lost], rtol=2e-3, atol=1e-4)
     np.testing.assert_array_equal(found.statuses, whole.statuses)
     assert np.all(found.value_slopes[lost][np.isnan(found.values[lost])] == 0)
+    # No design with the state has been seen yet, only limit points.
+    evaluate = searching.Evaluator(problem, 8)
+    for _ in range(2):
+        found = evaluate(t[lost])
+        assert not evaluate.can_begin
+        np.testing.assert_allclose(found.shortfall, whole.shortfall[lost], atol=1e-7)
+        np.testing.assert_allclose(found.shortfall_slopes, slopes.shortfall[lost], rtol=2e-3, atol=1e-4)
+        assert np.all(np.isfinite(found.value_slopes))
 
 
 @pytest.mark.slow
