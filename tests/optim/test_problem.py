@@ -10,7 +10,7 @@ import pytest
 from helpers import ROD, shell
 
 import softgrip_jax as sg
-from optim.design.descent import Evaluator, evaluated
+from optim.design.descent import Evaluator, Memory, evaluated
 from optim.problem import NEAR_LIMIT, Goal, GoalKind, Limits, Problem, Quantity, Scaling
 from optim.space import Space, Variable
 from softgrip_jax.commands import programs
@@ -123,12 +123,12 @@ def test_the_impossible_is_led_back_to_the_start(problem, measured):
     assert float(towards @ np.asarray(slopes.shortfall[first[3]])) < 0
 
 
-def test_a_search_says_the_same_from_the_limits_alone(problem, measured):
+def test_a_search_says_the_same_from_the_limits_alone(problem, measured, monkeypatch):
     """Where a design nearby leads to no state, each state that is missing is asked by itself, by a smaller program."""
     found, slopes, _, _, first = measured
     points = np.array([GOOD, WEAK, THIN, WRONG])
     evaluate = Evaluator(problem, len(points))
-    along = evaluated(jax.tree.map(lambda v: np.asarray(v)[np.array(first)], found._replace(solutions=())), 3)
+    along = evaluated(jax.tree.map(lambda v: np.array(v[np.array(first)]), found._replace(solutions=())), 3)
     asked = jax.tree.map(np.ones_like, along)
     np.testing.assert_array_equal(evaluate._short(points, asked, np.arange(4), along), [0])
     lost = np.array(first)[1:]
@@ -136,6 +136,17 @@ def test_a_search_says_the_same_from_the_limits_alone(problem, measured):
     np.testing.assert_allclose(asked.shortfall_slopes[1:], slopes.shortfall[lost], rtol=1e-7, atol=1e-9)
     np.testing.assert_array_equal(asked.statuses[1:], found.statuses[lost])
     assert np.all(np.isfinite(asked.value_slopes[1:]))
+
+    # The same where limit points are known, and no design with the state.
+    evaluate.is_near, evaluate.states, evaluate.limits = True, [Memory(3)], [Memory(3)]
+    evaluate.limits[0].remember(points, points, np.ones(4, bool))
+    monkeypatch.setattr(evaluate, "_prepare", lambda: None)
+    monkeypatch.setattr(evaluate, "begin", lambda t: jax.tree.map(lambda v: v[1:], along))
+    monkeypatch.setattr(evaluate, "_look_for_limits", lambda t, found, of, rows: np.arange(len(found.values[rows])))
+    lost = evaluate(points[1:])
+    np.testing.assert_array_equal(lost.shortfall, asked.shortfall[1:])
+    np.testing.assert_array_equal(lost.shortfall_slopes, asked.shortfall_slopes[1:])
+    assert np.all(np.isfinite(lost.value_slopes))
 
 
 def test_judgement_by_hand(problem):
