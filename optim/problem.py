@@ -500,9 +500,11 @@ class Problem:
         """The `followed` states at a pressure that is given: beyond the limit point it says by how much."""
         return [(name, at) for name, at in self.followed if not is_sought(at)]
 
-    def end(self, t: Float[Array, " n"], place: int) -> tuple[KnownFold, Any]:
-        """(where the branch of a `pressed` state's scene ends, whether that is a limit point)."""
-        return limit_of(self._scene_of(place, t), t)
+    def end(self, t: Float[Array, " n"], place: int) -> tuple[KnownFold, Any, Scalar]:
+        """(where the branch of a `pressed` state's scene ends, whether that is a limit point, its pressure over that of
+        the state)."""
+        found, is_fold = limit_of(self._scene_of(place, t), t)
+        return found, is_fold, found.u[-1] * PRESSURE / self._asked_at(self.pressed[place][1], t)
 
     def lost_nearby(self, t: Float[Array, " n"], known: KnownFold, place: int) -> tuple[Scalar, Any, KnownFold, Any]:
         """(the shortfall of a `pressed` state, its derivatives by t, the limit point, whether that is one) from the
@@ -533,6 +535,11 @@ class Problem:
         slopes, by = jax.jacfwd(shortfall, has_aux=True)(t)
         return by, slopes
 
+    def limit_margin(self, t: Float[Array, " n"], place: int) -> Scalar:
+        """The limit pressure over the pressure of one of the states that are asked for."""
+        name, at = self.asked.states[place]
+        return sg.limit_pressure(self._bare(t)[name]) / self._asked_at(at, t)
+
     def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
         """The scene of a `pressed` state."""
         return self._bare(t)[self.pressed[place][0]]
@@ -561,7 +568,7 @@ class Problem:
         """`solve_by_chords` of a batch."""
         return self._program(self.solve_by_chords, SIDE_BY_SIDE, t, known)
 
-    def ends(self, t: Any, place: int) -> tuple[KnownFold, Any]:
+    def ends(self, t: Any, place: int) -> tuple[KnownFold, Any, Any]:
         """`end` of a batch."""
         return self._program(self.end, SIDE_BY_SIDE, t, place=place)
 
@@ -572,6 +579,10 @@ class Problem:
     def all_short(self, t: Any, home: Any, place: int) -> tuple[Any, Any]:
         """`short` of a batch, all with one home."""
         return self._program(self.short, MANY_CALLS, t, jnp.broadcast_to(home, jnp.shape(t)), place=place)
+
+    def limit_margins(self, t: Any, place: int) -> Any:
+        """`limit_margin` of a batch."""
+        return self._program(self.limit_margin, QUICKLY, t, place=place)
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
@@ -682,6 +693,10 @@ class Problem:
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
 
+    def tells_limit(self, state: tuple[str, State]) -> bool:
+        """Whether `limit_margin` is asked of a state."""
+        return any(q.state == state and q.observable == LIMIT_MARGIN for q in self.quantities)
+
     def always_kept(self) -> list[str]:
         """A sentence per limit that holds for every state that exists."""
         return [
@@ -696,11 +711,12 @@ class Problem:
         its limit pressure'. within: of the pressure."""
         known = {(q.state, q.observable): value for q, value in zip(self.quantities, values, strict=False)}
         labels = zip(self.asked.states, self.asked.state_labels(), strict=True)
-        return [
-            f"{words}: at its limit pressure"
-            for state, words in labels
-            if known.get((state, LIMIT_MARGIN), np.nan) < 1 + within
-        ]
+        return [at_limit(words) for state, words in labels if known.get((state, LIMIT_MARGIN), np.nan) < 1 + within]
+
+
+def at_limit(state: str) -> str:
+    """What is said of a state, by its label, that is at its limit pressure."""
+    return f"{state}: at its limit pressure"
 
 
 def after_all(t: Float[Array, " n"], known: Sequence[Known]) -> Float[Array, " n"]:

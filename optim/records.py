@@ -105,6 +105,7 @@ def in_si(problem: Problem, design: Design) -> dict[str, Any]:
         "status": [s.name for s in design.statuses],
         "reason": unsolved(design),
         "active": list(design.active),
+        "limit_margins": design.limit_margins,
         "rules": [{"rule": line.label, "margin_mm": line.margins[0] / mm} for line in _told(problem, design)],
     }
 

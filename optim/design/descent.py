@@ -33,7 +33,8 @@ from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Solution, Status
 
-from ..problem import Problem, Scales, Scaling, Score
+from ..nearby import is_sought
+from ..problem import Problem, Scales, Scaling, Score, at_limit
 from ..space import to_free, to_unit
 from .finish import NO_EQUILIBRIUM_RANK, finish
 
@@ -167,6 +168,10 @@ class SolvesDesigns(Protocol):
         """The solved states of the designs, along the whole way from zero load."""
         ...
 
+    def limit_margins(self, t: np.ndarray) -> list[dict[str, float]]:
+        """Of every design, by state, the limit pressure over the pressure, where the search met limits."""
+        ...
+
 
 class Evaluator:
     """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves.
@@ -193,13 +198,19 @@ class Evaluator:
         """Of each `Problem.pressed` state: designs without it, and the limit point before it."""
         self.moving: np.ndarray | None = None
         """During the descent, which of the starts the rows that are asked for belong to."""
+        self.beyond = np.zeros(len(problem.asked.states), bool)
+        """Which of the states that are asked for lie beyond a limit pressure in some design."""
 
     def __call__(self, t: Any) -> Evaluated:
         """The designs at rows of unit values, with derivatives."""
         t = np.atleast_2d(np.asarray(t, dtype=float))
         self.solves += len(t)
-        if not self.is_near:
-            return self._with_shortfalls(t)
+        found = self._from_nearby(t) if self.is_near else self._with_shortfalls(t)
+        self.beyond |= np.any(found.statuses == Status.BEYOND_LIMIT, axis=0)
+        return found
+
+    def _from_nearby(self, t: np.ndarray) -> Evaluated:
+        """The designs, from those that are known."""
         if not self.can_begin:
             self._prepare()
             self.begin(t[:1])
@@ -289,10 +300,31 @@ class Evaluator:
         for place, limit in enumerate(self.limits):
             of = asked[missing[:, place]]
             if len(of):
-                at, is_fold = self.in_chunks(partial(self.problem.ends, place=place), self.chunk, t[of])
+                at, is_fold, _ = self._ends(t[of], place)
                 limit.remember(t[of], at, is_fold)
                 any_found |= bool(np.any(is_fold))
         return self._lost(t, found, rows) if any_found else np.arange(len(rows))
+
+    def _ends(self, t: np.ndarray, place: int) -> tuple[Any, np.ndarray, np.ndarray]:
+        """`Problem.end` of rows of unit values."""
+        return self.in_chunks(partial(self.problem.ends, place=place), self.chunk, t)
+
+    def limit_margins(self, t: np.ndarray) -> list[dict[str, float]]:
+        """By state, the limit pressure over its pressure, of the designs at rows of unit values: of those states alone
+        that designs of this search lie beyond."""
+        problem, margins = self.problem, [dict[str, float]() for _ in t]
+        for k in np.flatnonzero(self.beyond):
+            state, label = problem.asked.states[k], problem.asked.state_labels()[k]
+            if problem.tells_limit(state) or state[1] is None or is_sought(state[1]):
+                continue
+            if self.is_near and state in problem.pressed:
+                _, is_limit, ratio = self._ends(t, problem.pressed.index(state))
+            else:
+                ratio = self.in_chunks(partial(problem.limit_margins, place=int(k)), self.chunk, t)
+                is_limit = np.isfinite(ratio)
+            for own, good, value in zip(margins, is_limit, ratio, strict=True):
+                own |= {label: float(value)} if good else {}
+        return margins
 
     def _lost(self, t: np.ndarray, found: Evaluated, rows: np.ndarray) -> np.ndarray:
         """Put into rows of `found` how far they lie beyond limit points near known ones; the places among the rows of
@@ -501,8 +533,11 @@ class Design:
     feasible: bool
     rank: float
     active: tuple[str, ...]
-    """Names of the constraints and bounds that hold it where it is; of states at their limit pressure, too, where
-    `limit_margin` is asked of them: without it the limit is not known."""
+    """Names of the constraints and bounds that hold it where it is; of states at their limit pressure, too, where that
+    is known: where `limit_margin` is asked of them, or designs of the search lie beyond theirs."""
+    limit_margins: dict[str, float] = dataclasses.field(default_factory=dict)
+    """By state, its limit pressure over its pressure, of the states that designs of the search lie beyond the limit
+    pressure of."""
 
     @property
     def answered(self) -> bool:
@@ -672,6 +707,8 @@ def search(
         chosen = [designs[k] for k in order]
         if chosen[0].feasible:
             chosen = [d for d in chosen if d.feasible]
+        margins = evaluate.limit_margins(np.stack([d.t for d in chosen]))
+        chosen = [_with_limits(*both) for both in zip(chosen, margins, strict=True)]
         reference = designs_at(problem, score, evaluate, reference_t[None])[0]
         solutions = evaluate.solutions(np.stack([reference_t, chosen[0].t]))
     return SearchResult(
@@ -693,6 +730,12 @@ def search(
         tuple(remarks),
         solutions,
     )
+
+
+def _with_limits(design: Design, margins: dict[str, float]) -> Design:
+    """A design that tells how far from their limit pressures its states are."""
+    held = [at_limit(label) for label, margin in margins.items() if abs(margin - 1) < ACTIVE]
+    return dataclasses.replace(design, limit_margins=margins, active=tuple(dict.fromkeys((*design.active, *held))))
 
 
 def _reached(ends: np.ndarray, designs: list[Design]) -> tuple[int, ...]:

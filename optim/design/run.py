@@ -53,7 +53,7 @@ from ..records import (
 from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
-from .descent import ACTIVE, FEASIBLE, SearchResult, search
+from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
 from .front_run import run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
@@ -63,6 +63,9 @@ AMPLE = 100.0
 
 SEEN = 5e-5
 """Less would be "broken by 0.00%"."""
+
+CLOSE = 0.05
+"""Part of a pressure that its limit should be above it: what a regulator keeps to, and what silicones scatter by."""
 
 DISTANCE = "distance from the curve (rms)"
 """Of a shape that is followed, in the printed table."""
@@ -384,6 +387,8 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
             console.print(f"{name} by the other drive, {words}.", soft_wrap=True, markup=False)
         if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
+        for words in _near_limits(design):
+            console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
     told += _errors_of_shells(problem, result.best.x)
     for sentence in dict.fromkeys(told):
@@ -395,6 +400,16 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
     console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved ({times})", soft_wrap=True)
+
+
+def _near_limits(design: Design) -> list[str]:
+    """Which states of a design are hardly below their limit pressure."""
+    return [
+        f"{label}: the limit pressure is {100 * (margin - 1):.2g}% above it. A constraint on a state at a higher "
+        "pressure keeps room."
+        for label, margin in design.limit_margins.items()
+        if 0 < margin - 1 < CLOSE
+    ]
 
 
 def _errors_of_shells(problem: Problem, x: Any) -> list[str]:
