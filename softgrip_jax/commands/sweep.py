@@ -17,7 +17,6 @@ where asked for, study.csv.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import shutil
@@ -38,7 +37,7 @@ import xarray as xr
 from rich.console import Console
 
 from .. import config as configs
-from ..config.csv_text import MARKS, uncommented
+from ..config.csv_text import MARKS, cells_of, uncommented
 from ..config.keys import ObservableTable, Seed, Table, Varied, observed, varied
 from ..errors import ConfigError, InputError, located
 from ..folders import check_folder, contents, free_name, write_whole
@@ -181,13 +180,19 @@ def table_of_designs(path: Path, where: str) -> list[tuple[int, list[str]]]:
     columns is what parts the header into most of them."""
     try:
         lines = uncommented(path.read_text(encoding="utf-8-sig"))
-        head = next((line for line in lines if line.strip()), "")
-        mark = max(MARKS, key=lambda mark: len(next(csv.reader([head], delimiter=mark), [])))
-        reader = csv.reader(lines, delimiter=mark)
-        table = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{where}: {path} cannot be read: {getattr(error, 'strerror', None) or error}.") from None
-    table = [(number, row) for number, row in table if any(row)]
+    table, mark = [], ""
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            widths = {} if mark else {mark: len(cells_of(line, mark)) for mark in MARKS}
+            mark = mark or max(widths, key=widths.__getitem__)
+            row = [cell.strip() for cell in cells_of(line, mark)]
+        except InputError as error:
+            raise ConfigError(f"{where}: {path}, line {number}: {error}") from None
+        table += [(number, row)] if any(row) else []
     if not table:
         raise ConfigError(f"{where}: {path} is empty; its first line must name the columns.")
     header = [" = ".join(keys_in(name)) for name in table[0][1]]

@@ -817,6 +817,10 @@ def test_a_grid_holds_a_value_once(config, tmp_path, capsys):
             "shell.a_mm,distance_mm\n16,1,5\n",
             "line 2: there are 3 cells below 2 columns; a decimal comma must be a point",
         ),
+        (
+            'shell.a_mm,distance_mm,\n16,1,"first\n17,1,second\n18,1,"third"\n',
+            "line 2: The quotation mark before 'first' is not closed on this line",
+        ),
     ],
 )
 def test_mistakes_in_a_table_are_one_sentence(config, tmp_path, capsys, table, sentence):
