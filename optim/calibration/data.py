@@ -18,6 +18,7 @@ import numpy as np
 from softgrip_jax.config import ConfigError
 from softgrip_jax.config.csv_text import MARKS, cells_of, uncommented
 from softgrip_jax.errors import InputError
+from softgrip_jax.results import in_units
 from softgrip_jax.units import DISPLAY, degree, number_of
 
 UNITS: dict[str, dict[str, float]] = {
@@ -340,3 +341,8 @@ def falls_again(what: str, x: np.ndarray, path: Path) -> list[str]:
 
 def _count(n: int, noun: str) -> str:
     return f"{n} {noun}" + ("" if n == 1 else "s")
+
+
+def rounded(value: float, kind: str) -> str:
+    """A value in SI to three digits, in the unit that people read."""
+    return in_units(float(f"{value:.3g}"), kind)

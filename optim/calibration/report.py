@@ -18,11 +18,12 @@ from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
 from .cross_validation import UNLIKELY, Specimens, by_specimen, held_out
-from .data import Curve
+from .data import rounded
 from .drives import FOLLOWED, Rival, by_other_drive, misses
 from .fit import Fit, implausible
 from .identifiability import Direction, unknown_directions
 from .intervals import Intervals, intervals
+from .systematic import SYSTEMATIC, SYSTEMATIC_POINTS, autocorrelation, offset
 
 NOT_DETERMINED = 3.0
 """An interval that spans more than e^3 = 20 fold each way (log parameters; three ranges of linear ones) is none."""
@@ -31,10 +32,6 @@ CORRELATED = 0.95
 """Parameters more correlated than this are named."""
 
 WORDS = {"gauss_newton": "95 % interval", "bootstrap": "95 %, bootstrap", "profile": "95 %, profile"}
-
-SYSTEMATIC, SYSTEMATIC_POINTS = 0.6, 8
-"""Errors of neighbouring points this much correlated (in curves of so many points) are the model's, not noise: of
-independent ones, eight exceed it in one case of thirty."""
 
 AT_THE_END = 0.998
 """A point at more than this part of the limit pressure holds the fit: the slopes there are those of the end."""
@@ -168,19 +165,14 @@ def curve_table(findings: Findings) -> Table:
         table.add_column(heading, justify="right" if heading else "left", no_wrap=not heading)
     for k, curve in enumerate(fit.fitting.curves):
         used = int((fit.used & (fit.fitting.of_curve == k)).sum())
-        sigma = f"{_short(float(fit.member.sigma[k]), curve)} {'(stated)' if curve.noise else ''}".strip()
+        sigma = f"{rounded(float(fit.member.sigma[k]), curve.kind)} {'(stated)' if curve.noise else ''}".strip()
         row = [curve.name, f"{used} of {len(curve.x)}" if curve.fit else "predicted", sigma if curve.fit else "-"]
-        row.append(f"{_short(fit.rmse(k), curve)}{curve.share(fit.rmse(k))}")
+        row.append(f"{rounded(fit.rmse(k), curve.kind)}{curve.share(fit.rmse(k))}")
         if findings.held_out:
             without = findings.held_out.get(curve.name)
-            row.append("-" if without is None else _short(without[1], curve))
+            row.append("-" if without is None else rounded(without[1], curve.kind))
         table.add_row(*row)
     return table
-
-
-def _short(value: float, curve: Curve) -> str:
-    """In the unit of a curve, to three digits."""
-    return in_units(float(f"{value:.3g}"), curve.kind)
 
 
 # --- verdicts ---------------------------------------------------------------------------------------------------------
@@ -209,20 +201,6 @@ def at_the_end(fit: Fit) -> list[str]:
     return said
 
 
-def autocorrelation(fit: Fit, k: int) -> float:
-    """Of the errors of neighbouring points of a curve, along pressure or strain, averaged over its specimens."""
-    fitting, curve = fit.fitting, fit.fitting.curves[k]
-    of = fitting.of_curve == k
-    specimen = np.zeros(len(curve.x), dtype=int) if curve.specimen is None else curve.specimen
-    top = bottom = 0.0
-    for one in np.unique(specimen):
-        own = (specimen == one) & fit.used[of]
-        errors = fit.errors[of][own][np.argsort(curve.x[own], kind="stable")]
-        top += float(errors[1:] @ errors[:-1])
-        bottom += float(errors @ errors)
-    return top / bottom if bottom > 0 else 0.0
-
-
 def misfit(fit: Fit) -> list[str]:
     """Sentences about curves that the model does not follow to within their noise."""
     said, missed = [], misses(fit)
@@ -246,7 +224,10 @@ def misfit(fit: Fit) -> list[str]:
                     "follow the curve to within it; the intervals, which take the model as right, are too narrow."
                 )
         is_rounding = fit.rmse(k) < ROUNDING * curve.size
-        if count >= SYSTEMATIC_POINTS and not is_rounding and autocorrelation(fit, k) > SYSTEMATIC:
+        sentence = None if is_rounding else offset(fit, k)
+        if sentence is not None:
+            said.append(sentence)
+        elif count >= SYSTEMATIC_POINTS and not is_rounding and autocorrelation(fit, k) > SYSTEMATIC:
             said.append(
                 f"{curve.name}: the errors of neighbouring points go together (correlation "
                 f"{autocorrelation(fit, k):.2f}): they are the model's rather than noise, and the intervals, which "

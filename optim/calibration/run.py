@@ -52,13 +52,13 @@ from .report import (
     STOPPED,
     Findings,
     OverSpecimens,
-    autocorrelation,
     examine,
     is_determined,
     over_specimens,
     report,
     with_rival,
 )
+from .systematic import autocorrelation
 
 OWN_FILES = ("points.csv", "result.json", "summary.txt")
 """Files of the run whose names a measured file may have."""

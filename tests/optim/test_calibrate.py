@@ -18,6 +18,7 @@ from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
 from optim.calibration.report import Findings, examine, misfit, over_specimens, spread_of_specimens
 from optim.calibration.run import _lines
+from optim.calibration.systematic import offset
 from optim.space import Variable, to_free
 from optim.tension.test import Tension
 from softgrip_jax.results import Status
@@ -469,6 +470,33 @@ def test_rounding_is_no_error_of_the_model():
         said.append(misfit(calibrate(Fitting({"strip": Tension(sg.NeoHookean(mu=150 * kPa))}, variables, [curve]), 1)))
     assert said[0] == []
     assert "go together" in said[1][0]
+
+
+def test_a_sensor_that_was_not_at_zero_is_told_from_a_wrong_material():
+    """3.6 kPa on every stress are found again, with the modulus that they cost; errors of a wrong law are none."""
+    strain, noise = np.linspace(0.05, 1, 16), 0.9 * kPa * np.random.default_rng(6).normal(size=16)
+
+    def fitting(stress, loss="linear", **changes):
+        curve = Curve("strip", "strip", "stress", "pressure", strain, stress, **changes)
+        models = {"strip": Tension(sg.NeoHookean(mu=140 * kPa))}
+        return Fitting(models, [Variable("material.mu", 20 * kPa, 900 * kPa)], [curve], loss)
+
+    right = 150 * kPa * (1 + strain - (1 + strain) ** -2)
+    measured = right + noise + 3.6 * kPa
+    fit = calibrate(fitting(measured), starts=1)
+    (sentence,) = misfit(fit)
+    assert not fit.low[0] < 150 * kPa < fit.high[0]  # the interval takes the model as right
+    mu, zero = np.linalg.lstsq(np.stack([right / (150 * kPa), np.ones(16)], axis=1), measured, rcond=None)[0]
+    assert f"an offset of {zero / kPa:.3g} kPa in all values would explain the errors." in sentence
+    assert sentence.endswith(f"the fit is about material.mu {mu / kPa:.3g} kPa.")
+    assert misfit(calibrate(fitting(right + noise), starts=1)) == []
+    locking = np.asarray(jax.vmap(Tension(sg.Gent(mu=150 * kPa, j_m=30.0)).stress)(jnp.asarray(strain)))
+    (sentence,) = misfit(calibrate(fitting(locking + 0.1 * noise), starts=1))
+    assert "go together" in sentence
+    # Points of small weight are not asked, and specimens have tests of their own.
+    specimens = {"specimen": np.repeat([0, 1], 8), "specimens": ("a", "b")}
+    for other in (fitting(measured, "huber"), fitting(measured, **specimens)):
+        assert offset(dataclasses.replace(fit, fitting=other), 0) is None
 
 
 @pytest.mark.slow
