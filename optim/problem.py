@@ -693,9 +693,11 @@ class Problem:
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
 
-    def tells_limit(self, state: tuple[str, State]) -> bool:
-        """Whether `limit_margin` is asked of a state."""
-        return any(q.state == state and q.observable == LIMIT_MARGIN for q in self.quantities)
+    def hides_limit(self, state: tuple[str, State]) -> bool:
+        """Whether a state has a pressure, and nobody asks for its `limit_margin`."""
+        if state[1] is None or is_sought(state[1]):
+            return False
+        return not any(q.state == state and q.observable == LIMIT_MARGIN for q in self.quantities)
 
     def always_kept(self) -> list[str]:
         """A sentence per limit that holds for every state that exists."""

@@ -33,7 +33,6 @@ from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Solution, Status
 
-from ..nearby import is_sought
 from ..problem import Problem, Scales, Scaling, Score, at_limit
 from ..space import to_free, to_unit
 from .finish import NO_EQUILIBRIUM_RANK, finish
@@ -315,7 +314,7 @@ class Evaluator:
         problem, margins = self.problem, [dict[str, float]() for _ in t]
         for k in np.flatnonzero(self.beyond):
             state, label = problem.asked.states[k], problem.asked.state_labels()[k]
-            if problem.tells_limit(state) or state[1] is None or is_sought(state[1]):
+            if not problem.hides_limit(state):
                 continue
             if self.is_near and state in problem.pressed:
                 _, is_limit, ratio = self._ends(t, problem.pressed.index(state))
