@@ -3,7 +3,7 @@
 1. A Sobol set of designs, solved once, is where everything starts from.
 2. Each goal alone is brought to its optimum (of three, also every two together): the ends of the front. They span the
    range of every goal, in which all are measured from now on: 0 is its best, 1 its worst at the other ends. A goal that
-   shall reach a target is brought to it to the last digits.
+   shall reach a target is brought to it within about a millionth.
 3. From points p spread evenly over the flat between the ends, the front is approached along the diagonal (Pascoletti
    and Serafini 1984; Das and Dennis 1998):  least s  with  f_i(x) <= p_i + s  for every goal i, and the constraints.
    All of these are solved at once by SLSQP with exact slopes, from the best design that is known for each. What one
