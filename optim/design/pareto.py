@@ -2,7 +2,8 @@
 
 1. A Sobol set of designs, solved once, is where everything starts from.
 2. Each goal alone is brought to its optimum (of three, also every two together): the ends of the front. They span the
-   range of every goal, in which all are measured from now on: 0 is its best, 1 its worst at the other ends.
+   range of every goal, in which all are measured from now on: 0 is its best, 1 its worst at the other ends. A goal that
+   shall reach a target is brought to it within about a millionth.
 3. From points p spread evenly over the flat between the ends, the front is approached along the diagonal (Pascoletti
    and Serafini 1984; Das and Dennis 1998):  least s  with  f_i(x) <= p_i + s  for every goal i, and the constraints.
    All of these are solved at once by SLSQP with exact slopes, from the best design that is known for each. What one
@@ -22,6 +23,7 @@ from typing import Any
 import jax
 import numpy as np
 from scipy.optimize import minimize
+from scipy.spatial import ConvexHull, QhullError
 from scipy.stats import qmc
 
 from softgrip_jax.errors import ConfigError, InputError
@@ -29,13 +31,17 @@ from softgrip_jax.folders import DeferInterrupt
 
 from ..problem import Problem, Scaling
 from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, score_with_slopes, search
-from .finish import Look, Lost, boxed, in_step, on_bounds, remembered
+from .finish import ROUNDING, Look, Lost, boxed, in_step, on_bounds, remembered
 
 ANCHOR_STARTS = 2
 """Designs from which each end of the front is sought."""
 
 OTHERS = 1e-3
 """Part of the other goals in the search for an end: of several best designs, the one that is better in the rest."""
+
+OTHERS_AT_TARGET = 1e-6
+"""The same where a target shall be reached: the square of a distance is flat there, and with OTHERS a design would stay
+beside the target by a thousandth of the range."""
 
 RESTARTS = 4
 """Of the search for an end: where the slope of a goal jumps SLSQP may stop early, and begins afresh from there."""
@@ -45,6 +51,9 @@ ROUNDS = 2
 
 ENDS, ENOUGH = 40, 20
 """Steps of SLSQP towards an end and a point of the front: fast from nearby, but at a kink of a goal it would creep."""
+
+ENDS_TO, TARGETS_TO = 1e-9, 1e-15
+"""What SLSQP may leave of the (scaled) goal at an end, and of the square of a distance from a target."""
 
 SCOUTS = 9
 """Points of a front of two goals that say how it runs."""
@@ -106,7 +115,7 @@ def pareto(
 
     Args:
         problem: its goals are kept apart; their weights play no part.
-        points: about how many designs on the front (of three goals, the next full triangle of them).
+        points: about how many designs on the front (of three goals, the next full net of them).
         starts: number of designs looked at before.
         seed: of these.
         report: called with the name of every stage and the solves so far.
@@ -161,7 +170,8 @@ def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np
     known.find_ends()
     report("front between them", known.evaluate.solves)
     if goals == 3:
-        return known.undominated(known.approach(_simplex(goals, points)))
+        flat = known.over_ends(points)
+        return known.undominated(np.concatenate([known.ends, known.approach(flat)]))
     scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
     known.add(_beyond(known.t[scouts]))
     known.find_ends()
@@ -251,15 +261,27 @@ class _Known:
         feasible = self.broken <= FEASIBLE
         if not np.any(feasible):
             raise NoFrontError(NO_FRONT)
-        if goals == 2:
-            self.ends = np.argmin(np.where(feasible[:, None], self.scaled() @ weights.T, np.inf), axis=0)
-        else:
+        self.ends = self._bests(weights)
+        targets = [i for i, goal in enumerate(self.problem.goals) if goal.kind == "reach"]
+        if targets:
+            weights[targets] = np.where(np.eye(goals)[targets] == 1, 1.0, OTHERS_AT_TARGET)
+            begin = self.t[self.ends[targets]]
+            found = in_step(
+                self.evaluate, len(targets), lambda k, look: self._sum(look, begin[k], weights[targets[k]], TARGETS_TO)
+            )
+            self.add(on_bounds(np.stack(found)))
+            self.ends = self._bests(weights)
+        if goals == 3:
             # The best of one goal leaves the others open. A corner is where all others are as good as they can be.
-            self.best = np.min(self.terms[feasible], axis=0)
+            self.best = np.min(self.terms[self.broken <= FEASIBLE], axis=0)
             self.worst = self.best + spread
-            self.ends = self.approach(RANGES_AWAY * np.eye(goals))
+            self.ends = np.concatenate([self.ends, self.approach(RANGES_AWAY * np.eye(goals))])
         ends = self.terms[self.ends]
         self.best, self.worst = np.min(ends, axis=0), np.max(ends, axis=0)
+
+    def _bests(self, weights: np.ndarray) -> np.ndarray:
+        """The row of the feasible design with the least sum of the goals, for every row of weights."""
+        return np.argmin(np.where(self.broken[:, None] <= FEASIBLE, self.scaled() @ weights.T, np.inf), axis=0)
 
     def approach(self, flat: np.ndarray) -> np.ndarray:
         """The front from each point of the flat, again where another result gives a better start; rows of the best."""
@@ -278,6 +300,23 @@ class _Known:
             reached[behind] = self.distances(flat[behind])[np.arange(len(behind)), before + np.arange(len(behind))]
         return self.nearest(flat)[0]
 
+    def over_ends(self, points: int) -> np.ndarray:
+        """About so many points spread evenly over the flat, where the diagonal through them passes between the ends of
+        three goals."""
+        ends = self.scaled()[self.ends]
+        flat = ends + (1 - np.sum(ends, axis=1, keepdims=True)) / 3
+        try:
+            hull = ConvexHull(flat[:, :2]).equations
+        except QhullError:  # ends along one line, or all at one place
+            return _simplex(3, points)
+        for parts in range(1, points + 1):
+            i, j = np.mgrid[-parts : 2 * parts + 1, -parts : 2 * parts + 1].reshape(2, -1) / parts
+            net = np.stack([i, j, 1 - i - j], axis=1)
+            net = net[np.all(net[:, :2] @ hull[:, :2].T + hull[:, 2] < ROUNDING, axis=1)]
+            if len(net) >= points:
+                return net
+        return _simplex(3, points)
+
     def distances(self, flat: np.ndarray) -> np.ndarray:
         """(point, design): s of every design from every point of the flat; what breaks a constraint is further."""
         s = np.max(self.scaled()[None] - flat[:, None], axis=2)
@@ -291,16 +330,21 @@ class _Known:
         return rows, distances[np.arange(len(flat)), rows]
 
     def undominated(self, rows: np.ndarray) -> np.ndarray:
-        """Those of `rows` that are feasible and that nothing known is better than, by their goals, none twice."""
+        """Those of `rows` that are feasible and that nothing known is better than, by their goals, none twice; the
+        best of each goal rather than what is next to it."""
         feasible = np.flatnonzero(self.broken <= FEASIBLE)
         scaled, kept = self.scaled(), []
-        for k in rows[np.lexsort(self.terms[rows].T[::-1])]:
+        rows = rows[self.broken[rows] <= FEASIBLE]
+        rows = rows[np.lexsort(self.terms[rows].T[::-1])]
+        bests = rows[np.argmin(self.terms[rows], axis=0)] if len(rows) else rows
+        for k in rows[np.argsort(~np.isin(rows, bests), kind="stable")]:
             others = scaled[feasible]
             better = np.all(others <= scaled[k] + BETTER**2, axis=1) & np.any(others < scaled[k] - BETTER, axis=1)
             same = any(np.max(np.abs(scaled[k] - scaled[j])) < DISTINCT for j in kept)
-            if self.broken[k] <= FEASIBLE and not np.any(better) and not same:
+            if not np.any(better) and not same:
                 kept.append(k)
-        return np.array(kept, dtype=int)
+        order = np.array(kept, dtype=int)
+        return order[np.lexsort(self.terms[order].T[::-1])]
 
     # --- one program ----------------------------------------------------------------------------------------------
 
@@ -321,8 +365,8 @@ class _Known:
 
         return seen
 
-    def _sum(self, look: Look, t: np.ndarray, weight: np.ndarray) -> np.ndarray:
-        """The least weighted sum of the goals."""
+    def _sum(self, look: Look, t: np.ndarray, weight: np.ndarray, to: float = ENDS_TO) -> np.ndarray:
+        """The least weighted sum of the goals. to: what may be left of it."""
         seen = self._seen(look)
         constraint = {"type": "ineq", "fun": lambda t: -seen(t)[2], "jac": lambda t: -seen(t)[3]}
 
@@ -334,7 +378,7 @@ class _Known:
                 bounds=bounds,
                 constraints=[constraint] if self.problem.constrained else [],
                 method="SLSQP",
-                options={"maxiter": ENDS, "ftol": 1e-9},
+                options={"maxiter": ENDS, "ftol": to},
             ).x
 
         return boxed(run, t)

@@ -70,12 +70,12 @@ def of_values(wants: Wants, values: np.ndarray, shortfall: np.ndarray) -> Count:
     own += list(violations[:, len(problem.sides) :].T > 0)
     failures = np.array([np.mean(column & good) for column in own])
     statistic = _statistic(wants)
-    kept, goal = objective[1:][good], objective[0]
+    goal = objective[0]
     if statistic is not None:
-        goal = statistic(kept) if len(kept) else np.nan
+        goal = statistic(objective[1:], good) if np.any(good) else np.nan
     violation = 0.0
     if wants.wanted.promised is None and statistic is not None:
-        violation = max((statistic(column[good]) for column in violations.T if np.any(good)), default=-np.inf)
+        violation = max((statistic(column, good) for column in violations.T if np.any(good)), default=-np.inf)
         violation = max(violation, float(np.mean(~good)))
     places = [problem.asked.index(g.quantity) for g in problem.goals]
     return Count(
@@ -108,9 +108,11 @@ def promised(wants: Wants, best: Improved) -> tuple[float | None, float]:
 
 
 def _statistic(wants: Wants) -> Any:
+    """statistic(x, good) of a number of every part, where good says which parts have an equilibrium. At a quantile a
+    part without one is no better than the worst that has one, as in the search."""
     share = wants.wanted.share
     return {
-        "expected": np.mean,
-        "quantile": lambda x: np.quantile(x, share),
-        "worst": np.max,
+        "expected": lambda x, good: np.mean(x[good]),
+        "quantile": lambda x, good: np.quantile(np.where(good, x, np.max(x[good])), share),
+        "worst": lambda x, good: np.max(x[good]),
     }.get(wants.wanted.goal)

@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Console
 
 from softgrip_jax import config as configs
+from softgrip_jax.quantities import shown
 from softgrip_jax.results import in_units
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
@@ -69,7 +70,8 @@ def side_by_side(problem: Problem, result: SearchResult, robust: Robust) -> list
         asked = asked_share(robust.uncertain.wanted, goal)
         for share in sorted({LOW, HIGH} | ({asked} if asked is not None else set())):
             each = [
-                in_units(_quantile(count.values[:, j], share), kind) for count in (robust.of_nominal, robust.of_best)
+                shown(quantile_of(count.values[:, j], share, goal), kind)
+                for count in (robust.of_nominal, robust.of_best)
             ]
             words = " (the goal)" if share == asked else ""
             rows.append((f"... of {100 * share:.4g}% of the parts it is below{words}", each[0], each[1]))
@@ -276,15 +278,24 @@ def _count(problem: Problem, count: Count, labels: list[str]) -> dict[str, Any]:
         "broken": dict(zip(labels, map(float, count.failures), strict=True)),
         "objective": _finite(count.goal),
         "goals": {
-            problem.label(goal.quantity): [_finite(_quantile(count.values[:, j], share)) for share in (LOW, 0.5, HIGH)]
+            problem.label(goal.quantity): [
+                _finite(quantile_of(count.values[:, j], share, goal)) for share in (LOW, 0.5, HIGH)
+            ]
             for j, goal in enumerate(problem.goals)
         },
     }
 
 
-def _quantile(values: np.ndarray, share: float) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, share)) if len(known) else float("nan")
+def quantile_of(values: np.ndarray, share: float, goal: Goal) -> float:
+    """What so many of all parts are below; a part without a value (NaN) is worse than any other: inf, or -inf of what
+    is maximised, where the quantile is among these."""
+    worst = -np.inf if goal.kind == "maximise" else np.inf
+    ordered = np.sort(np.where(np.isnan(values), worst, values))
+    place = share * (len(ordered) - 1)
+    below, above = ordered[int(np.floor(place))], ordered[int(np.ceil(place))]
+    if below == above or not np.isfinite(above - below):
+        return float(below if np.isinf(below) else above)
+    return float(below + (place % 1) * (above - below))
 
 
 def _finite(value: Any) -> float | None:

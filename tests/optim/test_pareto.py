@@ -27,7 +27,7 @@ LEAVES = ("shell.a", "shell.b", "shell.t_m", "gap")
 class Formulas(Problem):
     """Goals and limits (at most zero) that are formulas of the variables instead of physics."""
 
-    def __init__(self, goals, low, high, limits=()):
+    def __init__(self, goals, low, high, limits=(), targets=()):
         scene = sg.shell.Grasp(shell(), radius=20 * mm, gap=5 * mm, ignored_rules=("membranes_apart",))
         space = Space(
             {"toy": scene}, [Variable(n, lo, hi) for n, lo, hi in zip(LEAVES[: len(low)], low, high, strict=True)]
@@ -35,7 +35,8 @@ class Formulas(Problem):
         space.reference = 0.5 * (space.low + space.high)
         # Any observable will do: `measure` below gives them their values.
         quantities = [Quantity(name, "required", "toy") for name in list(sg.shell.Grasp.OBSERVABLES)]
-        wanted = [Goal("minimise", quantities[k], scale=1.0) for k in range(len(goals))]
+        wanted = [Goal("reach", quantities[k], target=target, scale=1.0) for k, target in enumerate(targets)]
+        wanted += [Goal("minimise", quantities[k], scale=1.0) for k in range(len(targets), len(goals))]
         kept = [Limits(quantities[len(goals) + k], high=0.0, scale=1.0) for k in range(len(limits))]
         super().__init__(space, wanted, kept)
         self.formulas = [*goals, *limits]
@@ -184,6 +185,36 @@ def test_three_goals():
     # Evenly: nobody's nearest neighbour is much further than another's.
     apart = np.linalg.norm(front.terms[:, None] - front.terms[None], axis=2) + 9 * np.eye(len(front.terms))
     assert apart.min(axis=1).max() < 3 * apart.min(axis=1).min()
+
+
+def test_the_ends_of_three_goals_are_the_best_of_each():
+    """Squared distances from the corners of a triangle: every point of it is on the front, and so are its corners. A
+    front between the best of every two goals covered the middle quarter."""
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, 0.8]])
+    goals = [lambda x, c=c: jnp.sum((x - c) ** 2) for c in corners]
+    front = pareto(Formulas(goals, [-1.0, -1.0], [2.0, 2.0]), points=28)
+    np.testing.assert_allclose(front.terms.min(axis=0), 0, atol=1e-4)
+    x = np.stack([d.x for d in front.designs])
+    inside = np.linalg.solve(np.vstack([corners.T, np.ones(3)]), np.vstack([x.T, np.ones(len(x))]))
+    assert inside.min() > -1e-3
+    # Nobody inside of the triangle is far from a design.
+    rng = np.random.default_rng(0)
+    anywhere = rng.dirichlet(np.ones(3), 200) @ corners
+    assert np.linalg.norm(anywhere[:, None] - x, axis=2).min(axis=1).max() < 0.12
+    assert is_front(front.terms)
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_an_end_at_a_target_is_on_it(place):
+    """The other goal, a thousandth of which counts at an end, drew it 1e-4 and more from the target."""
+    goals = [lambda x: x[0], lambda x: x[0] + 0.5 * x[1]]
+    problem = Formulas(goals, [0.5, 0.5], [2.0, 2.0], targets=[1.2])
+    if place:
+        problem.goals = problem.goals[::-1]
+    front = pareto(problem, points=9)
+    ends = np.stack([d.x for d in front.designs])[[0, -1]]
+    np.testing.assert_allclose(ends[place and -1], [1.2, 0.5], atol=1e-6)
+    np.testing.assert_allclose(ends[place - 1], [0.5, 0.5], atol=1e-6)
 
 
 def binh_korn():

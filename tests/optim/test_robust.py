@@ -20,12 +20,12 @@ from optim.design.descent import Design, Evaluated
 from optim.design.run import run_design
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.robust.budget import allocation
-from optim.robust.count import Count, counted, promised
+from optim.robust.count import Count, counted, of_values, promised
 from optim.robust.evaluate import Answer, Wants
 from optim.robust.expansion import expanded, star
 from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
-from optim.robust.report import asked_share
+from optim.robust.report import asked_share, quantile_of
 from optim.robust.run import Robust, Scattered, _first, is_feasible, robust_search
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
@@ -34,6 +34,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.cli import NO_ANSWER, run
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
+from softgrip_jax.quantities import shown as in_words
 from softgrip_jax.results import Status
 from softgrip_jax.units import kPa, mm
 
@@ -239,6 +240,33 @@ def test_the_quantile_that_is_told_is_the_one_that_was_asked_for(kind, sign):
     share = asked_share(Wanted("quantile", 0.9, None), Goal(kind, Quantity("force", 1 * kPa)))
     assert np.quantile(values, share) == pytest.approx(sign * np.quantile(sign * values, 0.9), rel=1e-12)
     assert asked_share(Wanted("nominal", 0.5, 0.9), Goal(kind, Quantity("force", 1 * kPa))) is None
+
+
+@pytest.mark.parametrize(("kind", "sign"), [("minimise", 1.0), ("maximise", -1.0)])
+def test_a_quantile_is_of_all_parts_those_without_equilibrium_too(kind, sign):
+    """A tenth of the parts had none, and the report said below which pressure 95 % of the parts are."""
+    values = sign * np.arange(1000.0)
+    values[::20] = np.nan  # one in twenty
+    goal = Goal(kind, Quantity("force", 1 * kPa))
+
+    def told(share):
+        return sign * quantile_of(values, share if sign > 0 else 1 - share, goal)
+
+    for share in (0.1, 0.5, 0.9):
+        assert np.mean(sign * values <= told(share)) == pytest.approx(share, abs=2e-3)
+    assert told(0.97) == np.inf
+    assert in_words(told(0.97), "force") == "none"
+
+
+def test_parts_without_equilibrium_are_the_worst_of_a_quantile_that_is_counted():
+    wants, _ = toy(Wanted("quantile", 0.9, None))
+    a_plus_2_b = np.arange(1001.0) * mm
+    values = np.stack([a_plus_2_b, np.full(1001, 40 * mm)], axis=1)
+    shortfall = np.where(np.arange(1001) % 20 == 1, 0.1, 0.0)  # one in twenty
+    values[shortfall > 0] = np.nan
+    found = of_values(wants, values, shortfall)
+    assert found.lost == pytest.approx(0.05)
+    assert np.mean((values[1:, 0] / mm <= found.goal) & (shortfall[1:] == 0)) == pytest.approx(0.9, abs=2e-3)
 
 
 def test_order_statistics_are_weighted_about_the_quantile():
