@@ -112,11 +112,14 @@ def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -
 
 
 def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
-    """The solution at the pressure that gives an observable its wanted value."""
+    """The solution at the pressure that gives an observable its wanted value.
+
+    What may have either sign is sought on its way from zero, up or down."""
     fixed, value = frozen((scene, target))
 
     def surplus(scene, target, unknowns, pressure):
-        return surplus_over(name, target, scene.observe(unknowns, pressure))
+        sense = jnp.where((target < 0) & (name in scene.EITHER_SIGN), -1.0, 1.0)
+        return sense * surplus_over(name, target, scene.observe(unknowns, pressure))
 
     sought = seek(method, fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))
     found = sought.found

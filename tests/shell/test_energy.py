@@ -577,6 +577,22 @@ def test_a_value_that_no_pressure_gives_is_told_so():
     np.testing.assert_array_equal(np.asarray(slopes)[[0, 1, 3, 4]], 0)
 
 
+def test_a_value_is_found_on_either_side_of_the_middle():
+    """A ball on the left is pushed to the left: that was said to be impossible, and on the right it was found."""
+
+    @jax.jit
+    @jax.vmap
+    def pushed(offset, force):
+        ball = Sphere(14 * mm, 4 * mm, offset)
+        wall = sg.shell.ObstacleContact(shell(b=24 * mm), ball, "along", False, across=1, lengthwise=1)
+        return sg.pressure_for(wall, force_x=force)
+
+    found = pushed(jnp.array([3, -3]) * mm, jnp.array([0.3, -0.3]))
+    np.testing.assert_array_equal(found.status, Status.OK)
+    np.testing.assert_allclose(found.force_x, [0.3, -0.3], rtol=1e-9)
+    np.testing.assert_allclose(found.pressure[1], found.pressure[0], rtol=1e-9)
+
+
 def test_what_the_free_membrane_never_reaches_is_never_touched():
     far = locking(1e6)
     assert np.isinf(float(sg.contact_pressure(far)))

@@ -53,6 +53,8 @@ class EnergyScene(Scene):
     SOLVERS: ClassVar[tuple[str, ...]] = ("MinimumEnergy",)
     MODEL: ClassVar[str] = "energy"
     """What scenes that have the choice call it."""
+    EITHER_SIGN: ClassVar[tuple[str, ...]] = ("force_x", "force_y", "moment_x", "moment_y", "moment_z")
+    """Observables that grow to either side from zero, as the object lies: `pressure_for` seeks negative values, too."""
 
     shell: FlatShell = part(FlatShell)
     obstacle: Obstacle | None = part(Obstacle)
