@@ -155,6 +155,10 @@ class SolvesDesigns(Protocol):
     solves: int
     """How many designs were solved."""
 
+    def prepare(self) -> None:
+        """Have the programs made that every search needs, where a command keeps them."""
+        ...
+
     def __call__(self, t: Any) -> Evaluated:
         """The designs, with derivatives."""
         ...
@@ -211,7 +215,7 @@ class Evaluator:
     def _from_nearby(self, t: np.ndarray) -> Evaluated:
         """The designs, from those that are known."""
         if not self.can_begin:
-            self._prepare()
+            self.prepare()
             self.begin(t[:1])
         found, left = cast(Any, None), np.arange(len(t))
 
@@ -247,9 +251,10 @@ class Evaluator:
             answer(left, self._with_shortfalls(t[left]))
         return cast(Evaluated, found)
 
-    def _prepare(self) -> None:
+    def prepare(self) -> None:
         """Have the programs made that every search needs."""
-        self.problem.prepare(self.chunk, self.nearby_chunk, self.checked_chunk)
+        if self.is_near:
+            self.problem.prepare(self.chunk, self.nearby_chunk, self.checked_chunk)
 
     @property
     def can_begin(self) -> bool:
@@ -488,6 +493,13 @@ def evaluated(found: Any, variables: int, slopes: np.ndarray | None = None) -> E
 def chunk_for(starts: int, finishes: int) -> int:
     """Members per call, see CPU_CHUNK."""
     return min(starts, max(finishes, 1), CPU_CHUNK) if jax.default_backend() == "cpu" else starts
+
+
+def prepare(
+    problem: Problem, starts: int, finishes: int, evaluator: Callable[[Problem, int], SolvesDesigns] = Evaluator
+) -> None:
+    """Have the programs of a search made, where a command keeps them: they are compiled while it does other things."""
+    evaluator(problem, chunk_for(starts, finishes)).prepare()
 
 
 class SearchMember(NamedTuple):

@@ -56,7 +56,7 @@ class SpreadEvaluator(Evaluator):
         super().__init__(problem, chunk)
         self.calls = calls
 
-    def _prepare(self) -> None:
+    def prepare(self) -> None:
         """Each worker makes its own."""
 
     def _run(self, program: Any, batches: list[Any]) -> list[Any]:

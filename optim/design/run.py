@@ -11,6 +11,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import time
 from collections import Counter
 from contextlib import nullcontext
 from pathlib import Path
@@ -53,7 +54,7 @@ from ..records import (
 from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
-from .descent import ACTIVE, FEASIBLE, Design, SearchResult, search
+from .descent import ACTIVE, FEASIBLE, Design, SearchResult, prepare, search
 from .front_run import run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
@@ -333,8 +334,14 @@ def _search_with_progress(
         def show(step: int, best: float, feasible: int, moving: int) -> None:
             count(step if moving else steps, words(best, feasible, moving))
 
+        # What is needed last is traced last, while the programs of the search are being compiled.
+        began = time.perf_counter()
+        prepare(wanted.problem, starts, wanted.arguments["finishes"], evaluator)
         other = other_drive(wanted.problem, 1 + SHOWN)
-        return search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments), other
+        before = time.perf_counter() - began
+        result = search(wanted.problem, report=show, remark=remark, evaluator=evaluator, **wanted.arguments)
+    seconds = result.seconds | {"compile": before + result.seconds["compile"]}
+    return dataclasses.replace(result, seconds=seconds), other
 
 
 def report(result: SearchResult, console: Console, of_other: OtherDrive | None = None) -> None:

@@ -156,6 +156,10 @@ class DesignsOfParts:
     def home(self, t: np.ndarray) -> None:
         self._evaluate.home = self._rows(t)[0]
 
+    def prepare(self) -> None:
+        """Have the programs made that every search needs."""
+        self._evaluate.prepare()
+
     def __call__(self, t: Any) -> Evaluated:
         """As `Evaluator`: with derivatives by t."""
         rows, n = self._rows(t), self.parts.designed

@@ -140,7 +140,7 @@ def test_a_search_says_the_same_from_the_limits_alone(problem, measured, monkeyp
     # The same where limit points are known, and no design with the state.
     evaluate.is_near, evaluate.states, evaluate.limits = True, [Memory(3)], [Memory(3)]
     evaluate.limits[0].remember(points, points, np.ones(4, bool))
-    monkeypatch.setattr(evaluate, "_prepare", lambda: None)
+    monkeypatch.setattr(evaluate, "prepare", lambda: None)
     monkeypatch.setattr(evaluate, "begin", lambda t: jax.tree.map(lambda v: v[1:], along))
     monkeypatch.setattr(evaluate, "_look_for_limits", lambda t, found, of, rows: np.arange(len(found.values[rows])))
     lost = evaluate(points[1:])
