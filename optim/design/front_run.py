@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Console
@@ -17,11 +18,15 @@ from rich.console import Console
 from softgrip_jax import config as configs
 from softgrip_jax.errors import located
 from softgrip_jax.folders import DeferInterrupt, new_folder
+from softgrip_jax.model_error import of_shell
 from softgrip_jax.progress import stages
+from softgrip_jax.quantities import REQUIRED
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
+from ..drives import beyond_law, by_other_drive
+from ..problem import Problem
 from ..records import agreed, as_given, design_row, in_si, next_command, said, seen, versions, write_csv
 from ..records import summary as summary_line
 from . import settings
@@ -63,7 +68,8 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
 
     problem = front.problem
     (folder / "config.toml").write_bytes(given)
-    write_csv(folder / "designs.csv", [{"design": k + 1} | design_row(problem, d) for k, d in enumerate(front.designs)])
+    rows = [{"design": k + 1} | design_row(problem, d) for k, d in enumerate(front.designs)]
+    write_csv(folder / "designs.csv", [_without_objective(row) for row in rows])
     (folder / "designs").mkdir()
     name, at = settings.asked_first(problem)
     for k, design in enumerate(front.designs):
@@ -80,13 +86,18 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     ).savefig(folder / "front.png")
     summary = {
         "units": "SI",
-        "front": [in_si(problem, design) for design in front.designs],
+        "front": [_without_objective(in_si(problem, design)) for design in front.designs],
         "search": wanted.arguments,
         "solves": front.solves,
         "stopped": front.stopped,
         "seconds": front.seconds,
     } | (agreed(problem) | versions())
     (folder / "result.json").write_text(json.dumps(summary, indent=2), encoding="utf-8")
+
+
+def _without_objective(row: dict[str, Any]) -> dict[str, Any]:
+    """What is told of a design of a front: the sum of the goals means nothing there."""
+    return {name: value for name, value in row.items() if name != "objective"}
 
 
 def report(front: Front, console: Console) -> None:
@@ -101,16 +112,47 @@ def report(front: Front, console: Console) -> None:
         table.add_column(f"{problem.label(quantity)} {DISPLAY[kind][0]}".replace("_", " "), justify="right")
     for name, kind in zip(problem.space.names, problem.space.kinds, strict=True):
         table.add_column(f"{name.replace('.', ' ')} {DISPLAY[kind][0]}", justify="right")
-    for k in rows:
+    # Nobody who stops a search waits for one more program to be compiled.
+    beside = None if front.stopped else by_other_drive(problem, [front.designs[k].x for k in rows])
+    others = [] if beside is None else zip(beside.quantities, beside.kinds, beside.drives, beside.values.T, strict=True)
+    columns = []
+    for quantity, kind, drive, column in others:
+        if quantity.along is None:
+            name = f"{problem.label(quantity)} {DISPLAY[kind][0]}, drive {drive}"
+            table.add_column(name.replace("_", " "), justify="right")
+            columns.append([_number(value, kind) for value in column])
+    for place, k in enumerate(rows):
         design = front.designs[k]
-        values = [
-            "none" if np.isinf(v) else f"{v / DISPLAY[kind][1]:.5g}"
-            for v, kind in zip(seen(problem, design), problem.kinds, strict=True)
-        ]
-        numbers = [f"{x / DISPLAY[kind][1]:.5g}" for x, kind in zip(design.x, problem.space.kinds, strict=True)]
-        table.add_row(str(k + 1), *values, *numbers)
+        values = [_number(v, kind) for v, kind in zip(seen(problem, design), problem.kinds, strict=True)]
+        values += [_number(x, kind) for x, kind in zip(design.x, problem.space.kinds, strict=True)]
+        table.add_row(str(k + 1), *values, *(column[place] for column in columns))
     console.print(table)
-    for sentence in said(problem):
-        console.print(sentence, soft_wrap=True)
+    for number, lost in zip(rows + 1, beside.reasons if beside else [], strict=False):
+        for words in lost:
+            console.print(f"Design {number} by the other drive, {words}.", soft_wrap=True, markup=False)
+    told = [*said(problem), *(beside.remarks if beside else [])]
+    ends = [[*beyond_law(problem, d.x), *errors_of_shells(problem, d.x)] for d in (front.designs[0], front.designs[-1])]
+    if ends[0] == ends[1]:
+        told += ends[0]
+    else:
+        told += [f"Design {k}: {words}" for k, end in zip((1, len(front.designs)), ends, strict=True) for words in end]
+    for sentence in dict.fromkeys(told):
+        console.print(sentence, soft_wrap=True, markup=False)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in front.seconds.items())
     console.print(f"{front.solves} designs solved ({times})", soft_wrap=True)
+
+
+def _number(value: float, kind: str) -> str:
+    """In the unit that people read, which the column names."""
+    return "none" if np.isinf(value) else "-" if np.isnan(value) else f"{value / DISPLAY[kind][1]:.5g}"
+
+
+def errors_of_shells(problem: Problem, x: Any) -> list[str]:
+    """How far the models of a design's shells are from finite elements, in what is asked of them."""
+    sentences = []
+    for name, scene in problem.scenes_at(x).items():
+        asked = [q for q in problem.quantities if q.scene == name and q.along is None]
+        names = dict.fromkeys(q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED)
+        scene_is = f"{name}: " if len(problem.space.scenes) > 1 else ""
+        sentences += [f"{scene_is}{sentence}" for sentence in of_shell(scene, names)]
+    return sentences

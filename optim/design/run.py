@@ -25,9 +25,8 @@ from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
-from softgrip_jax.model_error import of_shell
 from softgrip_jax.progress import counted, stages
-from softgrip_jax.quantities import AT_REST, REQUIRED, solution_at
+from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.quantities import shown as in_words
 from softgrip_jax.report.run import tell_and_keep, write_report
 from softgrip_jax.results import Status, in_units
@@ -55,7 +54,7 @@ from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, prepare, search
-from .front_run import run_front
+from .front_run import errors_of_shells, run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
 
@@ -397,7 +396,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         for words in _near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
-    told += _errors_of_shells(problem, result.best.x)
+    told += errors_of_shells(problem, result.best.x)
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
@@ -417,17 +416,6 @@ def _near_limits(design: Design) -> list[str]:
         for label, margin in design.limit_margins.items()
         if 0 < margin - 1 < CLOSE
     ]
-
-
-def _errors_of_shells(problem: Problem, x: Any) -> list[str]:
-    """How far the models of a design's shells are from finite elements, in what is asked of them."""
-    sentences = []
-    for name, scene in problem.scenes_at(x).items():
-        asked = [q for q in problem.quantities if q.scene == name and q.along is None]
-        names = dict.fromkeys(q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED)
-        scene_is = f"{name}: " if len(problem.space.scenes) > 1 else ""
-        sentences += [f"{scene_is}{sentence}" for sentence in of_shell(scene, names)]
-    return sentences
 
 
 def _batch(result: SearchResult) -> str:
