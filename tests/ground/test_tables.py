@@ -69,6 +69,7 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
             answered=True,
             feasible=True,
             active=(),
+            limit_margins={},
         )
 
     designs = [design() for _ in range(5)]
