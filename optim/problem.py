@@ -233,6 +233,9 @@ class Measured(NamedTuple):
     """The number that belongs to it, SI."""
     solutions: Any = ()
     """Of the states that were solved for, in the order of `Problem.solved_states`."""
+    limit_margins: Any = None
+    """Of every state that is asked for, the limit pressure over its pressure, NaN where it has none; None where limits
+    were not sought."""
 
 
 def finite(value: Array, scale: Any) -> Array:
@@ -363,7 +366,12 @@ class Problem:
         ]
         # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
         home = jnp.asarray(self.home()) if home is None else home
-        return self._judged(found, jnp.stack(shortfalls), _from_home(t, home), solutions)
+        judged = self._judged(found, jnp.stack(shortfalls), _from_home(t, home), solutions)
+        margins = [
+            jnp.nan if at is None or is_sought(at) else limits[name] / self._asked_at(at, t)
+            for name, at in self.asked.states
+        ]
+        return judged._replace(limit_margins=jnp.stack(margins))
 
     def _solutions(self, scenes: dict[str, Scene], t: Float[Array, " n"]) -> dict[tuple[str, State], Solution]:
         return {(name, at): solution_at(scenes[name], self._asked_at(at, t)) for name, at in self.solved_states}
@@ -535,11 +543,6 @@ class Problem:
         slopes, by = jax.jacfwd(shortfall, has_aux=True)(t)
         return by, slopes
 
-    def limit_margin(self, t: Float[Array, " n"], place: int) -> Scalar:
-        """The limit pressure over the pressure of one of the states that are asked for."""
-        name, at = self.asked.states[place]
-        return sg.limit_pressure(self._bare(t)[name]) / self._asked_at(at, t)
-
     def _scene_of(self, place: int, t: Float[Array, " n"]) -> Scene:
         """The scene of a `pressed` state."""
         return self._bare(t)[self.pressed[place][0]]
@@ -579,10 +582,6 @@ class Problem:
     def all_short(self, t: Any, home: Any, place: int) -> tuple[Any, Any]:
         """`short` of a batch, all with one home."""
         return self._program(self.short, MANY_CALLS, t, jnp.broadcast_to(home, jnp.shape(t)), place=place)
-
-    def limit_margins(self, t: Any, place: int) -> Any:
-        """`limit_margin` of a batch."""
-        return self._program(self.limit_margin, QUICKLY, t, place=place)
 
     def _program(self, function: Any, options: dict[str, Any], *rows: Any, **fixed: Any) -> Any:
         """function of every row, by a program that is compiled once. fixed: what is the same for all rows, numbers."""
@@ -692,12 +691,6 @@ class Problem:
             relation = "at least" if sign < 0 else "at most"
             labels.append(f"{self.label(quantity)} {relation} {in_units(bound, self.kinds[k])}")
         return labels + [label(rule, len(self.space.scenes) > 1) for rule in self.rules]
-
-    def hides_limit(self, state: tuple[str, State]) -> bool:
-        """Whether a state has a pressure, and nobody asks for its `limit_margin`."""
-        if state[1] is None or is_sought(state[1]):
-            return False
-        return not any(q.state == state and q.observable == LIMIT_MARGIN for q in self.quantities)
 
     def always_kept(self) -> list[str]:
         """A sentence per limit that holds for every state that exists."""

@@ -105,6 +105,8 @@ class Evaluated(NamedTuple):
     statuses: Int[np.ndarray, "k s"]
     reasons: Any = None
     details: Any = None
+    limit_margins: Any = None
+    """Limit pressure over pressure, (k, s), NaN where that is not known: of `solve`, and of what is not near."""
 
 
 class Memory:
@@ -171,10 +173,6 @@ class SolvesDesigns(Protocol):
         """The solved states of the designs, along the whole way from zero load."""
         ...
 
-    def limit_margins(self, t: np.ndarray) -> list[dict[str, float]]:
-        """Of every design, by state, the limit pressure over the pressure, where the search met limits."""
-        ...
-
 
 class Evaluator:
     """The compiled physics of a problem: any number of designs, in chunks of one size. Counts what it solves.
@@ -201,19 +199,13 @@ class Evaluator:
         """Of each `Problem.pressed` state: designs without it, and the limit point before it."""
         self.moving: np.ndarray | None = None
         """During the descent, which of the starts the rows that are asked for belong to."""
-        self.beyond = np.zeros(len(problem.asked.states), bool)
-        """Which of the states that are asked for lie beyond a limit pressure in some design."""
 
     def __call__(self, t: Any) -> Evaluated:
         """The designs at rows of unit values, with derivatives."""
         t = np.atleast_2d(np.asarray(t, dtype=float))
         self.solves += len(t)
-        found = self._from_nearby(t) if self.is_near else self._with_shortfalls(t)
-        self.beyond |= np.any(found.statuses == Status.BEYOND_LIMIT, axis=0)
-        return found
-
-    def _from_nearby(self, t: np.ndarray) -> Evaluated:
-        """The designs, from those that are known."""
+        if not self.is_near:
+            return self._with_shortfalls(t)
         if not self.can_begin:
             self.prepare()
             self.begin(t[:1])
@@ -248,7 +240,7 @@ class Evaluator:
             along = jax.tree.map(lambda v: v[np.searchsorted(followed, left)], along)
             left = left[self._short(t, found, left, along)]
         if len(left):
-            answer(left, self._with_shortfalls(t[left]))
+            answer(left, self._with_shortfalls(t[left])._replace(limit_margins=None))
         return cast(Evaluated, found)
 
     def prepare(self) -> None:
@@ -313,21 +305,15 @@ class Evaluator:
         """`Problem.end` of rows of unit values."""
         return self.in_chunks(partial(self.problem.ends, place=place), self.chunk, t)
 
-    def limit_margins(self, t: np.ndarray) -> list[dict[str, float]]:
-        """By state, the limit pressure over its pressure, of the designs at rows of unit values: of those states alone
-        that designs of this search lie beyond."""
-        problem, margins = self.problem, [dict[str, float]() for _ in t]
-        for k in np.flatnonzero(self.beyond):
-            state, label = problem.asked.states[k], problem.asked.state_labels()[k]
-            if not problem.hides_limit(state):
-                continue
-            if self.is_near and state in problem.pressed:
-                _, is_limit, ratio = self._ends(t, problem.pressed.index(state))
-            else:
-                ratio = self.in_chunks(partial(problem.limit_margins, place=int(k)), self.chunk, t)
-                is_limit = np.isfinite(ratio)
-            for own, good, value in zip(margins, is_limit, ratio, strict=True):
-                own |= {label: float(value)} if good else {}
+    def _limit_margins(self, t: np.ndarray) -> np.ndarray:
+        """`Evaluated.limit_margins` of designs, for states beyond whose limit points designs of this search were found:
+        the program that tells them is compiled."""
+        states = self.problem.asked.states
+        margins = np.full((len(t), len(states)), np.nan)
+        for place, (state, limit) in enumerate(zip(self.problem.pressed, self.limits, strict=True)):
+            if len(limit.at) and state in states:
+                _, is_fold, ratio = self._ends(t, place)
+                margins[:, states.index(state)] = np.where(is_fold, ratio, np.nan)
         return margins
 
     def _lost(self, t: np.ndarray, found: Evaluated, rows: np.ndarray) -> np.ndarray:
@@ -388,7 +374,7 @@ class Evaluator:
         self.solves += len(t)
         if not self.is_near:
             return self._with_shortfalls(t)
-        return evaluated(self._solve(t), t.shape[1])
+        return evaluated(self._solve(t), t.shape[1])._replace(limit_margins=self._limit_margins(t))
 
     def solutions(self, t: np.ndarray) -> dict[tuple[str, State], list[Solution]]:
         """The solved states of the designs at rows of unit values, along the whole way from zero load."""
@@ -401,7 +387,14 @@ class Evaluator:
     def _with_shortfalls(self, t: np.ndarray) -> Evaluated:
         found, slopes = self._measured(t)
         return Evaluated(
-            found.values, slopes.values, found.shortfall, slopes.shortfall, found.statuses, found.reasons, found.details
+            found.values,
+            slopes.values,
+            found.shortfall,
+            slopes.shortfall,
+            found.statuses,
+            found.reasons,
+            found.details,
+            found.limit_margins,
         )
 
     def _measured(self, t: np.ndarray) -> Any:
@@ -545,10 +538,10 @@ class Design:
     rank: float
     active: tuple[str, ...]
     """Names of the constraints and bounds that hold it where it is; of states at their limit pressure, too, where that
-    is known: where `limit_margin` is asked of them, or designs of the search lie beyond theirs."""
+    is known."""
     limit_margins: dict[str, float] = dataclasses.field(default_factory=dict)
-    """By state, its limit pressure over its pressure, of the states that designs of the search lie beyond the limit
-    pressure of."""
+    """By state, its limit pressure over its pressure: of shells, and of fingers where designs of the search lie beyond
+    their limit points."""
 
     @property
     def answered(self) -> bool:
@@ -718,8 +711,6 @@ def search(
         chosen = [designs[k] for k in order]
         if chosen[0].feasible:
             chosen = [d for d in chosen if d.feasible]
-        margins = evaluate.limit_margins(np.stack([d.t for d in chosen]))
-        chosen = [_with_limits(*both) for both in zip(chosen, margins, strict=True)]
         reference = designs_at(problem, score, evaluate, reference_t[None])[0]
         solutions = evaluate.solutions(np.stack([reference_t, chosen[0].t]))
     return SearchResult(
@@ -741,12 +732,6 @@ def search(
         tuple(remarks),
         solutions,
     )
-
-
-def _with_limits(design: Design, margins: dict[str, float]) -> Design:
-    """A design that tells how far from their limit pressures its states are."""
-    held = [at_limit(label) for label, margin in margins.items() if abs(margin - 1) < ACTIVE]
-    return dataclasses.replace(design, limit_margins=margins, active=tuple(dict.fromkeys((*design.active, *held))))
 
 
 def _reached(ends: np.ndarray, designs: list[Design]) -> tuple[int, ...]:
@@ -949,6 +934,14 @@ def _reasons(found: Evaluated, k: int) -> tuple[str, ...]:
     return tuple(Reason(int(reason)).text(float(detail)) for reason, detail in pairs)
 
 
+def _limit_margins(problem: Problem, found: Evaluated, k: int) -> dict[str, float]:
+    """By state, the limit pressure over its pressure of design k, where that is known."""
+    if found.limit_margins is None:
+        return {}
+    pairs = zip(problem.asked.state_labels(), found.limit_margins[k], strict=True)
+    return {label: float(margin) for label, margin in pairs if np.isfinite(margin)}
+
+
 def designs_at(problem: Problem, score: Any, evaluate: SolvesDesigns, t: np.ndarray) -> list[Design]:
     """The designs at rows of t, judged."""
     found, space, designs = evaluate.solve(t), problem.space, []
@@ -963,7 +956,9 @@ def designs_at(problem: Problem, score: Any, evaluate: SolvesDesigns, t: np.ndar
         active = [label for label, is_held in zip(labels, held, strict=True) if is_held]
         active += [f"{name} at its lower bound" for name, v in zip(space.names, row, strict=True) if v < ACTIVE]
         active += [f"{name} at its upper bound" for name, v in zip(space.names, row, strict=True) if v > 1 - ACTIVE]
-        active += problem.at_limits(found.values[k], ACTIVE)
+        margins = _limit_margins(problem, found, k)
+        at_ends = [at_limit(label) for label, margin in margins.items() if abs(margin - 1) < ACTIVE]
+        active += dict.fromkeys([*problem.at_limits(found.values[k], ACTIVE), *at_ends])
         designs.append(
             Design(
                 row,
@@ -977,6 +972,7 @@ def designs_at(problem: Problem, score: Any, evaluate: SolvesDesigns, t: np.ndar
                 rank < 0.5 * NO_EQUILIBRIUM_RANK,
                 rank,
                 tuple(active),
+                margins,
             )
         )
     return designs

@@ -182,10 +182,6 @@ class DesignsOfParts:
         """The solved states, along the whole way from zero load."""
         return self._evaluate.solutions(self._rows(t))
 
-    def limit_margins(self, t: np.ndarray) -> list[dict[str, float]]:
-        """By state, the limit pressure over its pressure."""
-        return self._evaluate.limit_margins(self._rows(t))
-
     def _rows(self, t: Any) -> np.ndarray:
         t = np.atleast_2d(np.asarray(t, dtype=float))
         return np.concatenate([t, np.zeros((len(t), self.parts.problem.space.size - t.shape[1]))], axis=1)
