@@ -400,6 +400,7 @@ def test_equal_specimens_are_said_to_differ_as_rarely_as_the_level():
         differing += bool(apart.differ[0])
         (sentence,) = spread_of_specimens(one, apart)
         assert ("agree within the noise" in sentence) != ("one to quote" in sentence)
+        assert over_specimens(one, apart, 0).ends in sentence
         assert over_specimens(one, apart, 0).is_to_quote == apart.differ[0]
         chances.append(apart.chance[0])
     assert differing < 4
