@@ -5,6 +5,8 @@ nothing comes from the package but the values that are compared. The start of ea
 a scan of the angle for scalar equations, and a crude guess that is then accepted only on the physical branch.
 """
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -314,7 +316,35 @@ def test_pressure_that_an_eccentricity_needs():
             resistance = 4 * friction * float(grasp.pressure) * c_a * c_b * arm
             tilt = resistance / (mass * GRAVITY * eccentricity)
             assert min(lift, tilt) == pytest.approx(1, rel=1e-9)
+            assert float(grasp.least_security) == pytest.approx(1 / (1 / lift + 1 / tilt), rel=1e-9)
             assert float(grasp.tilt_resistance) == pytest.approx(resistance, rel=1e-9)
+
+
+def test_one_friction_lifts_and_tilts():
+    """Slip about points across the width, friction summed over the ellipse: the load that slips is between the two."""
+    scene = sg.shell.Grasp(shell(), mass=0.263, friction=1.3, eccentricity=8 * mm, **ROD)
+    grasp = sg.solve(scene, 14 * kPa)
+    c_a, c_b, weight = float(grasp.contact_half_width), float(grasp.contact_half_length), 0.263 * GRAVITY
+    x, y = (half * side for half, side in zip((c_a, c_b), np.meshgrid(*2 * [np.linspace(-1, 1, 401)]), strict=True))
+    inside = (x / c_a) ** 2 + (y / c_b) ** 2 < 1
+    x, y = x[inside], y[inside]
+    shear = 1.3 * 14 * kPa * np.pi * c_a * c_b / x.size
+
+    def slips(centre):
+        r = np.hypot(x - centre, y)
+        return shear * np.sum((x - centre) / r), shear * np.sum((x * (x - centre) + y * y) / r)
+
+    def surplus(centre):
+        force, moment = slips(centre)
+        return moment * weight / 2 + force * weight * 8 * mm  # force points down where the centre is to the right
+
+    centre = brentq(surplus, 1e-9, 100 * c_a)
+    both = -slips(centre)[0] / (weight / 2)
+    assert 1.1 * float(grasp.least_security) < both < float(grasp.security) / 1.1
+    # Without eccentricity they are one, and the slope by it is there, too.
+    least = jax.jit(lambda e: sg.solve(dataclasses.replace(scene, eccentricity=e), 14 * kPa).least_security)
+    assert float(least(0.0)) == pytest.approx(float(grasp.force) * 1.3 / (weight / 2), rel=1e-12)
+    assert float(jax.grad(least)(0.0)) == pytest.approx(float(least(1e-9) - least(0.0)) / 1e-9, rel=1e-4)
 
 
 def test_inclined_contact():

@@ -27,7 +27,7 @@ MEAN_STEPS = 10
 from there on. Ten are exact to rounding for ratios up to 1e16."""
 
 
-HOLDING = {"required_force": "force", "tilt_resistance": "moment", "security": "number"}
+HOLDING = {"required_force": "force", "tilt_resistance": "moment", "security": "number", "least_security": "number"}
 """What is observed of any grasp."""
 
 
@@ -115,12 +115,16 @@ class Grasp(ShellScene):
         - height: h of the cylinder's axis above the end of the membrane, m.
         - required_force: F_ext, the least normal force that lifts, N; inf where no force does.
         - tilt_resistance: T_R, N m.
-        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held.
+        - security: the smaller of mu_f(F) F / (m g / fingers) and T_R / (m g x_e), dimensionless; 1 is just held. Each
+          has all of the friction to itself.
+        - least_security: 1 / (1 / the first + 1 / the second), dimensionless: what one friction leaves for lifting and
+          tilting at once is at least this and at most `security`, which it equals without eccentricity.
 
     Raises:
         InputError: where a field breaks its rule (outside of jit).
 
-    Source: thesis 3.4.4, algorithm 4, 6.2.
+    Source: thesis 3.4.4, algorithm 4, 6.2; the limit surface of friction is convex: Goyal, Ruina and Papadopoulos 1991,
+        Wear 143.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -235,15 +239,20 @@ def holding(grasp: Grasp | EnergyGrasp, force: Scalar, resistance: Scalar) -> di
     """HOLDING, from the normal force and the moment that resists tilting.
 
     required_force is F_ext (N): the least normal force whose friction carries one finger's share of the weight, thesis
-    (6.2); inf where no force does (friction that does not grow with the force).
+    (6.2); inf where no force does (friction that does not grow with the force). What force and moment friction can
+    resist together is convex, whatever the contact pressure: it contains the line between the largest force and the
+    largest moment, of which least_security tells.
     """
-    share = grasp.mass * GRAVITY / grasp.fingers
-    lift = _ratio(friction_force(grasp.friction, force), share)
-    tilt = _ratio(resistance, grasp.mass * GRAVITY * grasp.eccentricity)
+    share, turn = grasp.mass * GRAVITY / grasp.fingers, grasp.mass * GRAVITY * grasp.eccentricity
+    hold = friction_force(grasp.friction, force)
+    lift, tilt = _ratio(hold, share), _ratio(resistance, turn)
+    both = share * resistance + turn * hold
     return {
         "required_force": required_normal_force(grasp.friction, share),
         "tilt_resistance": resistance,
         "security": smaller(lift, tilt),
+        # Nothing holds where nothing is touched.
+        "least_security": jnp.where((share > 0) & (both <= 0), 0.0, _ratio(hold * resistance, both)),
     }
 
 
