@@ -45,6 +45,8 @@ SMALL_STRAIN = "far less than what finite elements of chambers, rims and cover g
 CELL = "within 5 % of finite elements of the same cells, 10 to 31 kPa, inside the range that the law was fitted to"
 
 
+TRUSTED_STRETCH = 1.5
+"""From about there on silicones stiffen, which a neo-Hookean law does not (docs/limits.md)."""
 LIKE = 0.1
 """Another shell is like that of the finite elements where none of its proportions differs by more than this: what makes
 a verification near to a design, too (`verify.kept.NEAR`)."""
@@ -156,6 +158,21 @@ def of_shell(scene: Any, names: Iterable[str]) -> list[str]:
     for name in names if isinstance(scene, ShellScene | EnergyScene) else ():
         said.setdefault(model_error(scene, name), []).append(name.replace("_", " "))
     return [f"{', '.join(those)}: {words}." for words, those in said.items() if words]
+
+
+def of_material(solution: Any) -> dict[str, str]:
+    """What is said of a shell that is stretched further than its neo-Hookean law is trusted, by the observable."""
+    scene = solution.scene
+    if not isinstance(scene, ShellScene | EnergyScene) or not isinstance(scene.shell.material, NeoHookean):
+        return {}
+    stretch = float(solution.observables.get("stretch", np.nan))
+    if not stretch > TRUSTED_STRETCH:  # NaN where there is no state
+        return {}
+    words = (
+        f"{stretch:.3g} is more than the {TRUSTED_STRETCH:g} or so up to which a neo-Hookean law is trusted with "
+        "silicone, which stiffens; a law that does (Yeoh, Gent, Ogden), fitted as far, goes further"
+    )
+    return {"stretch": words}
 
 
 def model_error(scene: Any, observable: str) -> str:

@@ -25,6 +25,7 @@ from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
+from softgrip_jax.model_error import of_material
 from softgrip_jax.progress import counted, stages
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.quantities import shown as in_words
@@ -396,7 +397,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         for words in _near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
-    told += errors_of_shells(problem, result.best.x)
+    told += [*errors_of_shells(problem, result.best.x), *_of_materials(result)]
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
@@ -406,6 +407,16 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
     console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved ({times})", soft_wrap=True)
+
+
+def _of_materials(result: SearchResult) -> list[str]:
+    """Where the best design is stretched further than its material's law is trusted."""
+    labels = dict(zip(result.problem.asked.states, result.problem.asked.state_labels(), strict=True))
+    return [
+        f"Design 1, {labels[state]}: {name} {words}."
+        for state, (_, best) in result.solutions.items()
+        for name, words in of_material(best).items()
+    ]
 
 
 def _near_limits(design: Design) -> list[str]:

@@ -39,7 +39,7 @@ def run_solve(
     """Solve the scene of a config and report; returns whether there is an answer. The arguments are the options."""
     from .. import config as configs
     from ..fidelity import against_elements, choose
-    from ..model_error import model_error, of_shell
+    from ..model_error import model_error, of_material, of_shell
     from ..pneunet.drives import with_other_drive
 
     if plot is not None:
@@ -78,6 +78,8 @@ def run_solve(
         if choice is None and int(solution.status) == 0:
             for sentence in of_shell(given, [name for name in _told(given, asked) if name not in verified]):
                 Console().print(sentence, soft_wrap=True, markup=False)
+        for name, words in of_material(solution).items():
+            Console().print(f"{name}: {words}.", soft_wrap=True, markup=False)
     beside = None
     if other is not None and other_solved is not None and int(solution.status) == 0:
         with Console(stderr=True).status(f'solving with the drive "{other.drive}", too'):
@@ -87,6 +89,7 @@ def run_solve(
         if verified:
             chosen |= {"verified": {name: near.as_data() for name, near in verified.items()}}
         known = {name: model_error(given, name) for name in _told(given, asked)} if int(solution.status) == 0 else {}
+        known |= of_material(solution)
         if any(known.values()):
             chosen |= {"model_error": {name: words for name, words in known.items() if words}}
         if beside is not None:

@@ -21,7 +21,7 @@ import numpy as np
 from ..commands.programs import program
 from ..compiler import MANY_CALLS, QUICKLY, SIDE_BY_SIDE
 from ..geometry import Section, has_sections, sections
-from ..model_error import model_error
+from ..model_error import model_error, of_material
 from ..questions import equilibrium_reaching, to_reach, to_solve
 from ..reasons import Reason
 from ..results import Solution, Status, in_units
@@ -177,7 +177,10 @@ class State:
     def rows(self) -> tuple[Row, ...]:
         """The observables."""
         known, kinds = jax.device_get(self.solution.observables), self.solution.scene.OBSERVABLES
-        return tuple(Row(n, in_units(known[n], kind), model_error(self.scene, n)) for n, kind in kinds.items())
+        said = of_material(self.solution)
+        return tuple(
+            Row(n, in_units(known[n], kind), said.get(n) or model_error(self.scene, n)) for n, kind in kinds.items()
+        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -85,6 +85,7 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
         descended=1.0,
         reached=(3, 1, 0, 0, 0),
         remarks=[],
+        solutions={},
     )
     rows = cells(printed(lambda console: design_run.report(result, console)))
     for k in range(12):

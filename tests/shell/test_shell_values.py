@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax import thesis
-from softgrip_jax.model_error import PLANE, model_error, of_shell
+from softgrip_jax.model_error import PLANE, model_error, of_material, of_shell
 from softgrip_jax.units import GRAVITY, degree, gram, kPa, mm
 
 NEO_175 = {"kind": ref.NEO, "mu": 175e3}
@@ -141,6 +141,18 @@ def test_a_model_error_is_told_of_shells_like_that_of_the_finite_elements():
     assert told(material=sg.Gent(mu=175 * kPa, j_m=1.0)) == ""
     # Twice the modulus at twice the pressure is the same shape.
     assert told(material=sg.NeoHookean(mu=350 * kPa)) == PLANE["arc"] + ", 10 to 40 kPa"
+
+
+def test_a_stretch_that_a_neo_hookean_law_is_not_trusted_with_is_told():
+    """Silicones stiffen, and such a law does not: a search that inflates as far as it can ends there."""
+    free = sg.shell.Free(shell())
+    near, far = (sg.solve(free, p * kPa) for p in (15, 19))
+    assert float(near.stretch) < 1.5 < float(far.stretch)
+    assert of_material(near) == {}
+    assert of_material(far)["stretch"].startswith("1.74 is more than the 1.5 or so up to which a neo-Hookean law is")
+    assert of_material(sg.solve(free, 25 * kPa)) == {}
+    stiff = sg.shell.Free(shell("gent"))
+    assert of_material(sg.solve(stiff, 19 * kPa)) == {}
 
 
 FE_CYLINDER = {5.0: 0.9852, 10.0: 4.1097, 15.0: 8.8727}  # kPa: N, radius 20 mm, 5 mm away; `softgrip verify`
