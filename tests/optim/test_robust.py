@@ -142,6 +142,44 @@ def test_the_worst_case_of_a_linear_problem_is_a_corner(distribution):
     assert count.goal > best.values[0] - 1e-2  # its corners are among what is counted
 
 
+class Reaching(Toy):
+    """What is to be reached is a little above what the design does, and parts are farther above it than below."""
+
+    def __init__(self, space, bent=0.0):
+        goal = Goal("reach", Quantity(next(iter(sg.shell.Grasp.OBSERVABLES)), "required", "toy"), target=64.81 * mm)
+        Problem.__init__(self, space, [goal], ignore_rules=[])
+        self.bent = 0.7
+
+    def measure(self, t, home=None):
+        found = super().measure(t)
+        return found._replace(values=found.values[:1])
+
+
+class Centred(Toy):
+    """A number that deviates to both sides of where it does no harm."""
+
+    def __init__(self, space, bent=0.0):
+        goal = Goal("minimise", Quantity(next(iter(sg.shell.Grasp.OBSERVABLES)), "required", "toy"), scale=1 * mm)
+        Problem.__init__(self, space, [goal], ignore_rules=[])
+
+    def measure(self, t, home=None):
+        toy = self.space.scenes_at(self.space.from_unit(t))["toy"]
+        value = (toy.shell.a - 12 * mm) ** 2 / mm + toy.shell.b
+        return Measured(value[None], jnp.asarray(0.0), jnp.zeros(1, int))
+
+
+@pytest.mark.parametrize(("of", "t"), [(Reaching, [0.75, 0.5]), (Centred, [0.5, 0.5])])
+def test_the_worst_part_is_found_where_the_slopes_at_the_design_do_not_lead_to_it(of, t):
+    """A design that reaches its target has hardly a slope, and that may lead to the side that is less bad."""
+    wants, _ = toy(Wanted("worst", 0.5, None), of=of)
+    worst = wants.at_worst(np.array([t])).values[0, 0]
+    s = np.stack(np.meshgrid(*[np.linspace(low, high, 21) for low, high in zip(*wants.scatters.box(2.0), strict=True)]))
+    s = s.reshape(2, -1).T
+    found = wants.parts(np.broadcast_to(t, s.shape), s)
+    _, every = wants.broken(found.values, found.shortfall)
+    assert worst == pytest.approx(every.max(), rel=1e-9)
+
+
 class Bursting(Toy):
     """Parts whose b is below 20 mm have no equilibrium: where the objective is best, at the other end of the box."""
 
