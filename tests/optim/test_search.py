@@ -90,6 +90,30 @@ def test_a_feasible_design_is_feasible_however_large_its_objective(size):
     np.testing.assert_allclose(found.best.x, 1.0, rtol=1e-3)
 
 
+def test_designs_that_differ_in_what_nothing_depends_on_are_one():
+    """There were several "distinct" designs of the same values, and no word about it."""
+
+    def found(limited):
+        problem = Formulas([lambda x: (x[0] - 1) ** 2 + 1, limited], [0.0] * 3, [3.0] * 3, [8.0])
+        return search(problem, starts=8, steps=30)
+
+    several = found(lambda x: x[0] + x[1] + x[2])
+    assert len(several.designs) > 1
+    assert not several.unfelt
+    one = found(lambda x: x[0])
+    assert one.reached == (8,)
+    (said,) = one.unfelt
+    assert said.startswith("Nothing that is asked for depends on shell.b, shell.t_m: ")
+    assert said in one.remarks
+
+
+def test_a_goal_that_no_variable_changes_is_named():
+    problem = Formulas([lambda x: 3.0 + 0 * x[0], lambda x: x[0] + x[1]], [0.0] * 2, [3.0] * 2, [5.0])
+    name = problem.label(problem.goals[0].quantity)
+    found = search(problem, starts=8)
+    assert found.unfelt == (f"No variable changes {name}: as a goal it prefers no design to another.",)
+
+
 def test_the_descent_alone_comes_near():
     found = search(rosen_suzuki(), starts=16, steps=300, learning_rate=0.1, finishes=0)
     assert found.best.objective == pytest.approx(-44, rel=2e-3)
