@@ -35,7 +35,7 @@ from softgrip_jax.results import Solution, Status
 
 from ..problem import Problem, Scales, Scaling, Score, at_limit
 from ..space import to_free, to_unit
-from .finish import NO_EQUILIBRIUM_RANK, finish
+from .finish import NO_EQUILIBRIUM_RANK, ROUNDING, finish
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
 """optax optimisers that need nothing but a gradient and a learning rate."""
@@ -577,8 +577,9 @@ class SearchResult:
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: limits that hold for every state (`Problem.always_kept`), what scales the goals where the starting
-            design does not, see `Scaling`, and `unfelt`.
-        unfelt: a sentence for every goal that no variable changes, and for variables that change nothing.
+            design does not, see `Scaling`, and `notes`.
+        notes: sentences for the report: of a start outside of the bounds, of goals that no variable changes, and of
+            variables that change nothing.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
@@ -597,7 +598,7 @@ class SearchResult:
     reached: tuple[int, ...] = ()
     merged: int = 0
     remarks: tuple[str, ...] = ()
-    unfelt: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
 
     @property
@@ -698,7 +699,7 @@ def search(
         remarks = [*problem.always_kept(), *scaling.remarks()]
         for sentence in remarks:
             remark(sentence)
-        unfelt = felt.sentences()
+        notes = [*outside_of_bounds(problem, reference_t), *felt.sentences()]
         ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
         candidates = ends[_distinct(felt.of(ends), ranks, REGION)[: max(finishes, 1)]]
         designs = designs_at(problem, score, evaluate, candidates)
@@ -736,8 +737,8 @@ def search(
         alone,
         _reached(felt.of(ends), felt.of(np.stack([d.t for d in chosen]))),
         company.merged,
-        (*remarks, *unfelt),
-        tuple(unfelt),
+        (*remarks, *notes),
+        tuple(notes),
         solutions,
     )
 
@@ -750,6 +751,15 @@ def _reached(ends: np.ndarray, designs: np.ndarray) -> tuple[int, ...]:
 def _without_answer(statuses: Any) -> str:
     words = ", ".join(dict.fromkeys(Status(int(s)).name for s in statuses if s != Status.OK))
     return f"The starting design has no answer ({words or 'OK'}); the search begins from it all the same."
+
+
+def outside_of_bounds(problem: Problem, reference_t: np.ndarray) -> list[str]:
+    """A sentence where the starting design, by its unit values, is not between the bounds."""
+    beyond = (reference_t < -ROUNDING) | (reference_t > 1 + ROUNDING)
+    names = [name for name, is_beyond in zip(problem.space.names, beyond, strict=True) if is_beyond]
+    if not names:
+        return []
+    return [f"The start is outside of the bounds of {', '.join(names)}: the search begins from the nearest bound."]
 
 
 def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
