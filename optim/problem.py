@@ -267,7 +267,8 @@ class Problem:
         reported: further quantities that designs are reported with; their states must exist in every design.
 
     Raises:
-        InputError: where there is no goal, for an unknown quantity or rule, and for scenes with different laws.
+        InputError: where there is no goal, for an unknown quantity or rule, for scenes with different laws, and for
+            limits on one quantity that contradict each other.
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -306,6 +307,19 @@ class Problem:
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
+        self._require_room()
+
+    def _require_room(self) -> None:
+        """An InputError where two limits on one quantity leave nothing between them."""
+        for k, quantity in enumerate(self.quantities):
+            low = max((bound for of, sign, bound, _ in self.sides if of == k and sign < 0), default=-np.inf)
+            high = min((bound for of, sign, bound, _ in self.sides if of == k and sign > 0), default=np.inf)
+            if low > high:
+                at_least, at_most = in_units(low, self.kinds[k]), in_units(high, self.kinds[k])
+                raise InputError(
+                    f"The constraints on {self.label(quantity)} contradict each other: at least {at_least} and at most "
+                    f"{at_most}."
+                )
 
     def held_numbers(self) -> str:
         """What compiled programs hold beside what the words of a config say: numbers of the scenes, which may come from

@@ -35,7 +35,7 @@ from softgrip_jax.results import Solution, Status
 
 from ..problem import Problem, Scales, Scaling, Score, at_limit
 from ..space import to_free, to_unit
-from .finish import NO_EQUILIBRIUM_RANK, finish
+from .finish import NO_EQUILIBRIUM_RANK, ROUNDING, finish
 
 OPTIMISERS = ("adam", "adabelief", "amsgrad", "lion", "nadam", "rmsprop", "sgd", "yogi")
 """optax optimisers that need nothing but a gradient and a learning rate."""
@@ -77,6 +77,9 @@ FINISHED = 16
 
 REGION, DISTINCT = 0.05, 0.01
 """Two members are of one region, two finished designs are the same, when no variable differs by more of its range."""
+
+UNFELT = 1e-9
+"""A variable that changes a quantity by less than this part of its size, over its whole range, does not change it."""
 
 LOOKS = 2
 """A member within REGION of a better one at so many looks in a row, PERIOD steps apart, is left to it."""
@@ -573,8 +576,10 @@ class SearchResult:
         reached: how many starts ended within REGION of each of the designs; one that was left to another ends with it.
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
-        remarks: limits that hold for every state (`Problem.always_kept`), and what scales the goals where the starting
-            design does not, see `Scaling`.
+        remarks: limits that hold for every state (`Problem.always_kept`), what scales the goals where the starting
+            design does not, see `Scaling`, and `notes`.
+        notes: sentences for the report: of a start outside of the bounds, of goals that no variable changes, and of
+            variables that change nothing.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
@@ -593,6 +598,7 @@ class SearchResult:
     reached: tuple[int, ...] = ()
     merged: int = 0
     remarks: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
 
     @property
@@ -686,15 +692,16 @@ def search(
     advance(scaling.scales, members, jax.tree.map(lambda v: np.repeat(v, len(members.u), axis=0), at_reference), 0)
     compiled = time.perf_counter()
 
-    company = Company(starts)
-    members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company)
+    company, felt = Company(starts), Felt(problem)
+    members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company, felt)
     with DeferInterrupt() as waiting:  # what was found is known only once it is solved
         descended = time.perf_counter()
         remarks = [*problem.always_kept(), *scaling.remarks()]
         for sentence in remarks:
             remark(sentence)
+        notes = [*outside_of_bounds(problem, reference_t), *felt.sentences()]
         ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
-        candidates = ends[_distinct(ends, ranks, REGION)[: max(finishes, 1)]]
+        candidates = ends[_distinct(felt.of(ends), ranks, REGION)[: max(finishes, 1)]]
         designs = designs_at(problem, score, evaluate, candidates)
     stopped |= waiting.asked
     alone = min((d.objective for d in designs if d.feasible), default=float("nan"))
@@ -707,7 +714,8 @@ def search(
         except KeyboardInterrupt:
             stopped = True
     with DeferInterrupt() as waiting:
-        order = _distinct(np.stack([d.t for d in designs]), np.array([d.rank for d in designs]), DISTINCT)
+        rows = felt.of(np.stack([d.t for d in designs]))
+        order = _distinct(rows, np.array([d.rank for d in designs]), DISTINCT)
         chosen = [designs[k] for k in order]
         if chosen[0].feasible:
             chosen = [d for d in chosen if d.feasible]
@@ -727,21 +735,31 @@ def search(
         stopped or waiting.asked,
         paths,
         alone,
-        _reached(ends, chosen),
+        _reached(felt.of(ends), felt.of(np.stack([d.t for d in chosen]))),
         company.merged,
-        tuple(remarks),
+        (*remarks, *notes),
+        tuple(notes),
         solutions,
     )
 
 
-def _reached(ends: np.ndarray, designs: list[Design]) -> tuple[int, ...]:
+def _reached(ends: np.ndarray, designs: np.ndarray) -> tuple[int, ...]:
     """How many ends of descents are within REGION of each design."""
-    return tuple(int(np.sum(np.max(np.abs(ends - design.t), axis=1) <= REGION)) for design in designs)
+    return tuple(int(np.sum(np.max(np.abs(ends - t), axis=1, initial=0.0) <= REGION)) for t in designs)
 
 
 def _without_answer(statuses: Any) -> str:
     words = ", ".join(dict.fromkeys(Status(int(s)).name for s in statuses if s != Status.OK))
     return f"The starting design has no answer ({words or 'OK'}); the search begins from it all the same."
+
+
+def outside_of_bounds(problem: Problem, reference_t: np.ndarray) -> list[str]:
+    """A sentence where the starting design, by its unit values, is not between the bounds."""
+    beyond = (reference_t < -ROUNDING) | (reference_t > 1 + ROUNDING)
+    names = [name for name, is_beyond in zip(problem.space.names, beyond, strict=True) if is_beyond]
+    if not names:
+        return []
+    return [f"The start is outside of the bounds of {', '.join(names)}: the search begins from the nearest bound."]
 
 
 def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:
@@ -815,8 +833,53 @@ def _first_beside(t: np.ndarray) -> np.ndarray:
     return first
 
 
+class Felt:
+    """Which variables change which of the values that a problem measures, as the slopes of all designs tell that were
+    seen with an answer."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        self.sizes, self.slopes = np.zeros(1), np.zeros((1, problem.space.size))
+        self.has_seen = False
+
+    def look(self, found: Evaluated) -> None:
+        """Take in designs; a slope that is not known may be any."""
+        good = found.shortfall == 0
+        sizes = np.nan_to_num(np.abs(found.values[good]), posinf=0.0)
+        slopes = np.nan_to_num(np.abs(found.value_slopes[good]), nan=np.inf)
+        self.sizes = np.maximum(self.sizes, np.max(sizes, axis=0, initial=0.0))
+        self.slopes = np.maximum(self.slopes, np.max(slopes, axis=0, initial=0.0))
+        self.has_seen |= bool(np.any(good))
+
+    @property
+    def changes(self) -> np.ndarray:
+        """(values, variables): whether the one changes with the other."""
+        return (self.slopes > UNFELT * self.sizes[:, None]) | (not self.has_seen)
+
+    def of(self, t: np.ndarray) -> np.ndarray:
+        """The columns of unit values that change anything: what tells designs apart."""
+        return t[:, np.any(self.changes, axis=0)]
+
+    def sentences(self) -> list[str]:
+        """What no variable changes of the goals, and which variables change nothing."""
+        problem, changes = self.problem, self.changes
+        goals = dict.fromkeys(problem.label(goal.quantity) for goal in problem.goals)
+        moved = zip(problem.quantities, np.any(changes, axis=1), strict=False)  # then come margins of rules
+        still = {problem.label(quantity) for quantity, moves in moved if not moves}
+        said = [
+            f"No variable changes {name}: as a goal it prefers no design to another." for name in goals if name in still
+        ]
+        idle = [name for name, moves in zip(problem.space.names, np.any(changes, axis=0), strict=True) if not moves]
+        if idle:
+            said.append(
+                f"Nothing that is asked for depends on {', '.join(idle)}: the values in the designs mean nothing, and "
+                "designs that differ in nothing else count as one."
+            )
+        return said
+
+
 def _descend(
-    members: SearchMember, evaluate, advance, scaling: Scaling, steps, report, company: Company
+    members: SearchMember, evaluate, advance, scaling: Scaling, steps, report, company: Company, felt: Felt
 ) -> tuple[SearchMember, dict[str, np.ndarray], np.ndarray, bool]:
     """All members to rest, or to the last step, or (True) to where they were stopped."""
     moving = np.arange(len(members.u))
@@ -830,6 +893,7 @@ def _descend(
             # Members at rest keep what was found last: `advance` sees every member and is compiled for one shape.
             found = fresh if found is None else jax.tree.map(partial(_replaced, moving), found, fresh)
             scaling.learn(fresh.values)
+            felt.look(fresh)
             before, members = np.asarray(members.t), advance(scaling.scales, members, found, step)
             seen = jax.device_get(members._replace(memory=()))
             moving = np.flatnonzero(seen.stalled < PERIOD)
@@ -921,7 +985,7 @@ def _distinct(t: np.ndarray, rank: np.ndarray, radius: float) -> list[int]:
     """Rows in order of rank, without those that are within `radius` of a better one in every variable."""
     kept: list[int] = []
     for k in np.argsort(rank, kind="stable"):
-        if all(np.max(np.abs(t[k] - t[j])) > radius for j in kept):
+        if all(np.max(np.abs(t[k] - t[j]), initial=0.0) > radius for j in kept):
             kept.append(int(k))
     return kept
 

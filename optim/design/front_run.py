@@ -87,6 +87,7 @@ def _write(folder: Path, given: bytes, read: configs.Config, wanted: settings.Se
     summary = {
         "units": "SI",
         "front": [_without_objective(in_si(problem, design)) for design in front.designs],
+        "remarks": list(front.notes),
         "search": wanted.arguments,
         "solves": front.solves,
         "stopped": front.stopped,
@@ -106,7 +107,8 @@ def report(front: Front, console: Console) -> None:
     if front.stopped:
         console.print(f"{STOPPED}; the best designs until then are kept.")
     rows = np.unique(np.linspace(0, len(front.designs) - 1, SHOWN).round().astype(int))
-    table = Table(title=f"a front of {len(front.designs)} designs", title_justify="left")
+    count = len(front.designs)
+    table = Table(title=f"a front of {count} design{'' if count == 1 else 's'}", title_justify="left")
     table.add_column("design", justify="right")
     for quantity, kind in zip(problem.quantities, problem.kinds, strict=True):
         table.add_column(f"{problem.label(quantity)} {DISPLAY[kind][0]}".replace("_", " "), justify="right")
@@ -136,7 +138,7 @@ def report(front: Front, console: Console) -> None:
         told += ends[0]
     else:
         told += [f"Design {k}: {words}" for k, end in zip((1, len(front.designs)), ends, strict=True) for words in end]
-    for sentence in dict.fromkeys(told):
+    for sentence in dict.fromkeys([*told, *front.notes]):
         console.print(sentence, soft_wrap=True, markup=False)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in front.seconds.items())
     console.print(f"{front.solves} designs solved ({times})", soft_wrap=True)

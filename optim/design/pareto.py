@@ -30,7 +30,18 @@ from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.folders import DeferInterrupt
 
 from ..problem import Problem, Scaling
-from .descent import CPU_CHUNK, FEASIBLE, Design, Evaluator, chunk_for, designs_at, score_with_slopes, search
+from .descent import (
+    CPU_CHUNK,
+    FEASIBLE,
+    Design,
+    Evaluator,
+    Felt,
+    chunk_for,
+    designs_at,
+    outside_of_bounds,
+    score_with_slopes,
+    search,
+)
 from .finish import ROUNDING, Look, Lost, boxed, in_step, on_bounds, remembered
 
 ANCHOR_STARTS = 2
@@ -87,6 +98,7 @@ class Front:
         solves: designs evaluated.
         seconds: by stage, s.
         stopped: by Ctrl-C: the designs are the best of those that were solved until then.
+        notes: sentences for the report: as those of a search, and where one design is the best in every goal.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.Front)][:3]
@@ -99,6 +111,7 @@ class Front:
     solves: int
     seconds: dict[str, float]
     stopped: bool = False
+    notes: tuple[str, ...] = ()
 
 
 def pareto(
@@ -160,7 +173,11 @@ def pareto(
         raise NoFrontError(NO_FRONT)
     designs, terms = [designs[k] for k in kept], terms[kept]
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
-    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped or waiting.asked)
+    stopped |= waiting.asked
+    notes = [*outside_of_bounds(problem, problem.space.to_unit(problem.space.reference)), *known.felt.sentences()]
+    if len(designs) == 1 and not stopped:
+        notes.append("One design is the best in every goal: there is nothing to trade off.")
+    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped, tuple(notes))
 
 
 def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np.ndarray:
@@ -188,7 +205,7 @@ class _Known:
     def __init__(self, problem: Problem, starts: int, seed: int):
         space = problem.space
         self.problem, self.evaluate = problem, Evaluator(problem, chunk_for(starts, CPU_CHUNK))
-        self.scaling = Scaling(problem)
+        self.scaling, self.felt = Scaling(problem), Felt(problem)
         self.scaling.learn(self.evaluate(space.to_unit(space.reference)).values)
         judging = jax.jit(lambda values, scales: score_with_slopes(problem, scales, values))
         terms_of = jax.jit(
@@ -217,6 +234,7 @@ class _Known:
         """Solve designs and keep them; `broken`: the largest violation, inf without equilibrium."""
         found = self.evaluate(t)
         self.scaling.learn(found.values)
+        self.felt.look(found)
         terms, broken = [], []
         for values, shortfall in zip(found.values, found.shortfall, strict=True):
             judged, _ = self.score(values)

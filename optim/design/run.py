@@ -397,7 +397,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         for words in _near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
-    told += [*errors_of_shells(problem, result.best.x), *_of_materials(result)]
+    told += [*errors_of_shells(problem, result.best.x), *_of_materials(result), *result.notes]
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:

@@ -223,8 +223,10 @@ class Wants:
     def worst(self, ts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(values, slopes by t, deviations) of the worst of every function; the last one is the shortfall.
 
-        The shortfall has no slope where a part has its equilibrium, so it is looked for in all parts that the others
-        ask for, and in the corners that are opposite to theirs.
+        Where the design itself is the best of its parts, as where a goal is reached or an offset is zero, no slope
+        there leads to the worst. So the second step also asks for the ends of every number alone, and for the corners
+        that are opposite to those that the slopes lead to; the third for the worse ends of all numbers together. Each
+        function takes the worst for it of all parts that a step asks for.
         """
         low, high = self.scatters.box(self.box)
         n, m, count = ts.shape[1], self.scatters.size, 2 + len(self.problem.constrained)
@@ -235,28 +237,23 @@ class Wants:
             np.zeros((len(ts), count, n)),
             np.zeros((len(ts), count, m)),
         )
-        share, opposite = np.ones((len(ts), count, 1)), np.zeros((len(ts), 0, m))
+        share, further = np.ones((len(ts), count, 1)), np.zeros((len(ts), 0, m))
+        alone = np.broadcast_to(np.concatenate([np.diag(low), np.diag(high)]), (len(ts), 2 * m, m))
         for step in range(ASCENTS):
             # At the first step all functions ask for the same part, the design itself.
-            s = at[:, :1] if step == 0 else np.concatenate([at, opposite], axis=1) if step == 1 else at
+            s = np.concatenate([at[:, :1] if step == 0 else at, further], axis=1)
             rows_t, rows_s = np.repeat(ts, s.shape[1], axis=0), s.reshape(-1, m)
             found = self.parts(rows_t, rows_s)
             value, slope = self._functions(found)
             value = value.reshape(len(ts), s.shape[1], count)
             slope = slope.reshape(len(ts), s.shape[1], count, n + m)
-            if step == 0:
-                value, slope = (
-                    np.broadcast_to(value, (len(ts), count, count)),
-                    np.broadcast_to(slope, (len(ts), count, count, n + m)),
-                )
-            # Of all these parts, the one that lacks most of its equilibrium.
-            designs, worst = np.arange(len(ts)), np.argmax(value[..., -1], axis=1)
-            lacks, of_lost = value[designs, worst, -1], slope[designs, worst, -1]
-            lost_s = np.broadcast_to(s, (len(ts), value.shape[1], m))[designs, worst]
-            own = np.arange(count)
-            value, slope, asked = value[:, own, own], slope[:, own, own], at.copy()
-            more = lacks > value[:, -1]
-            value[more, -1], slope[more, -1], asked[more, -1] = lacks[more], of_lost[more], lost_s[more]
+            designs, own = np.arange(len(ts))[:, None], np.arange(count)
+            if step == 1:
+                at_low, at_high = value[:, -2 * m : -m], value[:, -m:]
+                ends = np.where(at_high > at_low, high[:, None], low[:, None])
+                ends = np.where(np.maximum(at_low, at_high) > best[:, None], ends, 0.0).swapaxes(1, 2)
+            worst = np.argmax(value, axis=1)
+            value, slope, asked = value[designs, worst, own], slope[designs, worst, own], s[designs, worst]
             better = value > best + 1e-12
             best = np.where(better, value, best)
             best_s = np.where(better[..., None], asked, best_s)
@@ -264,10 +261,16 @@ class Wants:
             best_by_s = np.where(better[..., None], slope[..., n:], best_by_s)
             share = np.where(better[..., None], 1.0, 0.5 * share)
             corner = np.where(best_by_s > 0, high, np.where(best_by_s < 0, low, best_s))
-            opposite = np.where(best_by_s > 0, low, np.where(best_by_s < 0, high, best_s))[:, :-1]
             following = best_s + share * (corner - best_s)
-            if np.allclose(following, at) or (step and np.allclose(following, best_s)):
+            if step == 0:
+                opposite = np.where(best_by_s > 0, low, np.where(best_by_s < 0, high, best_s))[:, :-1]
+                further = np.concatenate([opposite, alone], axis=1)
+            elif step == 1 and not np.allclose(ends, best_s):
+                further = ends
+            elif np.allclose(following, at) or np.allclose(following, best_s):
                 break
+            else:
+                further = further[:, :0]
             at = following
         return best, best_t, best_s
 

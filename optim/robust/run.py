@@ -87,11 +87,16 @@ class Robust:
     @property
     def holds(self) -> bool:
         """Whether fresh parts do what was promised, within AGREED."""
-        if self.share is not None:
-            return abs(self.share - self.of_best.share) <= AGREED
-        allowed = 0.0 if self.uncertain.wanted.goal == "worst" else AGREED
-        kept = self.of_best.violation <= max(allowed, KEPT) and self.of_best.lost <= allowed
-        return kept and self.of_best.goal <= self.goal + AGREED * max(abs(self.goal), 1e-12)
+        return _holds(self.uncertain.wanted, self.share, self.goal, self.of_best)
+
+
+def _holds(wanted: Wanted, share: float | None, goal: float, count: Count) -> bool:
+    """Whether parts that were counted do what was promised: a yield, or else an objective and its constraints."""
+    if share is not None:
+        return abs(share - count.share) <= AGREED
+    allowed = 0.0 if wanted.goal == "worst" else AGREED
+    kept = count.violation <= max(allowed, KEPT) and count.lost <= allowed
+    return kept and count.goal <= goal + AGREED * max(abs(goal), 1e-12)
 
 
 class Scattered:
@@ -142,9 +147,12 @@ class Scattered:
         share, goal = promised(wants, best)
         lap("robust")
         of_best = counted(wants, best.t, fresh, lambda done: tell("counting parts of the robust design", done, fresh))
-        if share is not None and abs(share - of_best.share) > AGREED and best.method == DERIVATIVES:
+        if best.method == DERIVATIVES and not _holds(uncertain.wanted, share, goal, of_best):
             switched = (
                 f"by derivatives {share:.1%} were promised and {of_best.share:.1%} counted, so that parts were solved"
+                if share is not None
+                else f"by derivatives an objective of {goal:.4g} was promised and {of_best.goal:.4g} counted, so that "
+                "parts were solved"
             )
             lap("counting")
             best = dataclasses.replace(

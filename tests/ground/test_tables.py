@@ -86,6 +86,7 @@ def test_the_twelve_numbers_of_a_vector_have_twelve_names():
         reached=(3, 1, 0, 0, 0),
         remarks=[],
         solutions={},
+        notes=(),
     )
     rows = cells(printed(lambda console: design_run.report(result, console)))
     for k in range(12):

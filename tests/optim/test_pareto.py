@@ -69,6 +69,15 @@ def test_a_convex_front():
     assert gaps(front.terms).max() < 1.25 * gaps(front.terms).min()
 
 
+def test_a_front_of_one_design_says_why():
+    """The table had one row, and no word about it."""
+    front = pareto(Formulas([lambda x: x[0] ** 2 + x[1], lambda x: 2.0 + 0 * x[0]], [1.0] * 2, [3.0] * 2), points=3)
+    assert len(front.designs) == 1
+    constant, alone = front.notes
+    assert constant.startswith("No variable changes ")
+    assert alone == "One design is the best in every goal: there is nothing to trade off."
+
+
 @pytest.mark.parametrize("stage", ["front between them", "designs evenly along it"])
 def test_what_was_found_until_it_is_stopped_is_kept(stage):
     def report(name, solves):

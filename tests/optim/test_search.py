@@ -22,7 +22,7 @@ from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.commands import programs
-from softgrip_jax.errors import ConfigError
+from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
@@ -88,6 +88,45 @@ def test_a_feasible_design_is_feasible_however_large_its_objective(size):
     assert found.best.answered
     assert found.best.objective == pytest.approx(2 * size, rel=1e-5)
     np.testing.assert_allclose(found.best.x, 1.0, rtol=1e-3)
+
+
+def test_designs_that_differ_in_what_nothing_depends_on_are_one():
+    """There were several "distinct" designs of the same values, and no word about it."""
+
+    def found(limited):
+        problem = Formulas([lambda x: (x[0] - 1) ** 2 + 1, limited], [0.0] * 3, [3.0] * 3, [8.0])
+        return search(problem, starts=8, steps=30)
+
+    several = found(lambda x: x[0] + x[1] + x[2])
+    assert len(several.designs) > 1
+    assert not several.notes
+    one = found(lambda x: x[0])
+    assert one.reached == (8,)
+    (said,) = one.notes
+    assert said.startswith("Nothing that is asked for depends on shell.b, shell.t_m: ")
+    assert said in one.remarks
+
+
+def test_a_goal_that_no_variable_changes_is_named():
+    problem = Formulas([lambda x: 3.0 + 0 * x[0], lambda x: x[0] + x[1]], [0.0] * 2, [3.0] * 2, [5.0])
+    name = problem.label(problem.goals[0].quantity)
+    found = search(problem, starts=8)
+    assert found.notes == (f"No variable changes {name}: as a goal it prefers no design to another.",)
+
+
+def test_a_start_outside_of_the_bounds_is_named():
+    """Its design is a column of the report, and the search begins elsewhere."""
+    found = search(Formulas([lambda x: x[0] ** 2 + x[1]], [1.0] * 2, [3.0] * 2, start=[2.0, 4.0]), starts=2, steps=2)
+    assert found.notes == ("The start is outside of the bounds of shell.b: the search begins from the nearest bound.",)
+
+
+def test_limits_that_contradict_each_other_are_refused():
+    scene = sg.shell.Free(shell())
+    space, height = Space({"free": scene}, [Variable("shell.t_m", 1 * mm, 2 * mm)]), Quantity("inflation", at=15 * kPa)
+    goals, least = [Goal("minimise", Quantity("stretch", at=15 * kPa))], Limits(height, low=14 * mm)
+    with pytest.raises(InputError, match="inflation at 15 kPa contradict each other: at least 14 mm and at most 12 mm"):
+        Problem(space, goals, [least, Limits(height, high=12 * mm)])
+    Problem(space, goals, [least, Limits(height, high=14 * mm)])
 
 
 def test_the_descent_alone_comes_near():
