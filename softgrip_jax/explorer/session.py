@@ -300,9 +300,18 @@ class Session:
         """The command that gives the same from the config."""
         return f"softgrip solve {file}"
 
+    def _require_present(self, scene: Scene | None, name: str) -> None:
+        """InputError where a picture or a curve that is to be taken along is not of the numbers of the sliders: its
+        file would not say so."""
+        leaves = None if scene is None else jax.tree.leaves(scene)
+        now = jax.tree.leaves(self.current())
+        if leaves is None or not all(np.array_equal(one, other) for one, other in zip(leaves, now, strict=True)):
+            raise InputError(f"The {name} of this design is still being computed.")
+
     def table(self) -> str:
-        """The curve as CSV, in the units of configs."""
+        """The curve as CSV, in the units of configs; InputError where that of the present design is not known."""
         out = io.StringIO()
+        self._require_present(None if self.curve is None else self.curve.scene, "curve")
         rows = csv.writer(out, lineterminator="\n")
         if self.curve is not None:
             _, _, kind = self.observables[self.curve.observable]
@@ -314,11 +323,15 @@ class Session:
         return out.getvalue()
 
     def picture(self, ending: str) -> bytes:
-        """The last good state as a picture file: "png", "svg" or "pdf"."""
+        """The state as a picture file: "png", "svg" or "pdf"; InputError where there is none."""
         from ..plots import draw
 
+        self.current()  # where numbers do not go together this says so
+        if self.message:
+            raise InputError(f"There is no picture of this design: {self.message}")
         if self.good is None:
             raise InputError("There is no state to draw yet.")
+        self._require_present(self.good.scene, "picture")
         out = io.BytesIO()
         draw(self.good.solution).savefig(out, format=ending)
         return out.getvalue()
