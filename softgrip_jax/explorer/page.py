@@ -581,12 +581,13 @@ class Page:
         return thread
 
     def _deliver(self, question: Question, stage: Any) -> None:
-        is_first = self.session.good is None
+        # What else is said of a state waits for no hand while there is none, and for no compiler of curve and bars.
+        is_awaited = None in (self.session.good, self.session.curve, self.session.helps)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State | str):
             self.later(self._fill_boxes)
         if isinstance(stage, State):
-            if is_first:  # what else is said of it waits for no hand
+            if is_awaited:
                 self.later(partial(self._show, question, Words(stage)))
             self.later(partial(self.further.ask, (question, stage)))
 
@@ -628,6 +629,7 @@ class Page:
             self.controls[PRESSURE].show(
                 self.session.numbers[PRESSURE], self.session.values[PRESSURE], with_box=False
             ) if not self._is_moving(question) else None
+            self._show_pins()
         elif isinstance(stage, Helps):
             self.helps.show(stage)
 
@@ -651,6 +653,7 @@ class Page:
         self._grey(not state.ok or bool(self.refused), has_curve=not self.refused)
         if not state.ok:
             self.say(self.refused or state.message, True)
+            self._show_last_rows()  # at once: what follows a picture may wait for a compiler
             return
         self._drawn = state
         if len(state.sections) != len(self.views) or not self.views or self._labels != _labels(state):

@@ -79,7 +79,9 @@ class Pin:
     inputs: dict[str, str]
     """Choices, pressure and numbers, by key."""
     rows: dict[str, str]
+    scene: Scene
     curve: CurveData | None
+    """None until it is known."""
 
 
 class Session:
@@ -226,7 +228,7 @@ class Session:
         curve = self.curve if self.curve is not None and self.curve.scene is state.scene else None
         inputs = {"scene": self.title()} | {key: str(choice.value) for key, choice in self.choices.items()}
         inputs |= {key: number.shown(values[key]) for key, number in self.numbers.items()}
-        return Pin(name, inputs, {row.name: row.text for row in state.rows}, curve)
+        return Pin(name, inputs, {row.name: row.text for row in state.rows}, state.scene, curve)
 
     def unpin(self) -> None:
         """Forget all pinned designs."""
@@ -261,6 +263,9 @@ class Session:
                     self.values[PRESSURE] = stage.pressure
         elif isinstance(stage, CurveData):
             self.curve = stage
+            for k, pin in enumerate(self.pins):  # pinned before its curve was there
+                if pin.curve is None and pin.scene is stage.scene:
+                    self.pins[k] = dataclasses.replace(pin, curve=stage)
             if np.isfinite(stage.limit) and stage.limit > 0:
                 number = self.numbers[PRESSURE]
                 least, most = ROUND_LIMIT

@@ -362,6 +362,21 @@ def test_a_pin_has_the_numbers_of_its_state():
     assert next(row for row in rows if row[0] == "shell.t_m_mm")[-1] == "1.2"
 
 
+def test_a_pin_that_was_made_before_its_curve_has_it_once_it_is_there():
+    """A pin that was made while the first curve was compiled, which takes a minute, had no curve ever."""
+    session = Session(free(), 15 * kPa)
+    question = session.question()
+    stages = answer(question)
+    session.take(question, next(stages))
+    session.pin()
+    for stage in stages:
+        session.take(question, stage)
+    assert session.pins[0].curve is session.curve is not None
+    session.type_in("shell.t_m_mm", "1.2")
+    answered(session)
+    assert session.pins[0].curve is not session.curve
+
+
 def test_answers_of_a_scene_that_is_open_no_more_are_dropped():
     from softgrip_jax.explorer.page import Page
 
@@ -805,7 +820,7 @@ def shown_page(session, active):
     page.session, page.refused, page._drawn, page.say = session, "", session.good, lambda *words: None
     parts = ["rows", "code", "compared", "pictures", "space", "bars", "curves"]
     page.__dict__.update({name: argparse.Namespace(object="", styles={}) for name in parts})
-    page.tabs = argparse.Namespace(active=active)
+    page.tabs, page._answered = argparse.Namespace(active=active), set()
     page.curve = argparse.Namespace(
         show_state=lambda *place: None,
         show_pins=lambda curves, kind: pins.append([curve for _, curve in curves]),
@@ -832,6 +847,11 @@ def test_numbers_that_do_not_go_together_leave_nothing_that_looks_like_theirs():
         assert "sg.solve" not in page.code.object
         session.type_in("shell.b_mm", "43")
         answered(session)
+    page._show_words(session.good, session.question(), "length")
+    assert "of the last state" not in page.rows.object
+    session.type_in(PRESSURE, "900")
+    page._show(question := session.question(), next(answer(question)))
+    assert "value of the last state, at 8 kPa" in page.rows.object
     page._grey(True, has_curve=True)  # a design without a state has a curve
     assert page.curves.styles["filter"] == "none"
     assert "grayscale" in page.bars.styles["filter"]
@@ -851,3 +871,19 @@ def test_pinned_curves_are_those_of_the_observable_on_the_axis():
     page.tabs.active, page._unread = 0, {}
     page._turned_to(0)
     assert "pin 1" in page.compared.object
+
+
+def test_numbers_wait_for_no_compiler():
+    """While the first curve was compiled, for up to a minute, pictures went on beside the numbers of the first one."""
+    from softgrip_jax.explorer.page import Page, Words
+
+    session, acts = answered(Session(free(), 8 * kPa)), []
+    page = object.__new__(Page)
+    page.session, page.later, page.further = session, acts.append, argparse.Namespace(ask=lambda asked: None)
+    question, curve = session.question(), session.curve
+    for known, count in ((curve, 0), (None, 1)):
+        session.curve = known
+        acts.clear()
+        page._deliver(question, session.good)
+        told = [act for act in acts if any(isinstance(part, Words) for part in getattr(act, "args", ()))]
+        assert len(told) == count
