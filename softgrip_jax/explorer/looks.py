@@ -320,6 +320,12 @@ class CurveView:
         self._hold()
         self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
 
+    def clear(self) -> None:
+        """Nothing but the pins: another scene has another curve, and a compiler may be waited for until it is there."""
+        self.marks.data = {"x": [], "y": [], "text": [], "align": []}
+        for source in (self.stable, self.unstable, self.now):
+            source.data = {"x": [], "y": []}
+
     def _hold(self) -> None:
         """Axes for the curve, its pins and the present state."""
         each: list[Any] = [self.stable.data, self.unstable.data, self.now.data]

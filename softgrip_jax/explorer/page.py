@@ -387,6 +387,8 @@ class Page:
         question = self.session.question()
         if self._answered and question.form not in self._answered:
             self.say("compiling ...")
+            self._grey(True)
+            self._show_last_rows()
         self.work.ask(question)
 
     def _done(self, control: Control, sentence: str) -> None:
@@ -457,6 +459,9 @@ class Page:
             self.say(sentence, True)
             return
         self.say("compiling ...")
+        self.curve.clear()
+        self.helps.show(Helps(self.session.observable, ()))
+        self._show_pins()
         self.ask()
 
     def open_scene(self, scene: Scene, at: float | dict[str, float] | None = None) -> None:

@@ -887,3 +887,33 @@ def test_numbers_wait_for_no_compiler():
         page._deliver(question, session.good)
         told = [act for act in acts if any(isinstance(part, Words) for part in getattr(act, "args", ()))]
         assert len(told) == count
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_nothing_of_the_scene_before_looks_like_that_of_the_one_that_is_open():
+    """Picture, numbers, curve and bars stood in full colour below the other scene's name until it was compiled."""
+    from softgrip_jax.explorer.page import Page
+
+    page = Page(Session(free(), 8 * kPa))
+    page.work.close()
+    page.further.close()
+    page.work = argparse.Namespace(ask=lambda question: None)
+    question = page.session.question()
+    for stage in answer(question):
+        page._show(question, stage)
+    page._show_rows(page.session.good, False)
+    assert page.pictures.styles == page.bars.styles == {}
+    assert len(page.curve.stable.data["x"]) > 2
+    assert page.helps.source.data["key"]
+    page.session.pin()
+    page._show_pins()
+    assert ">now<" in page.compared.object
+    page.open_scene(plane())
+    assert "pin 1" in page.compared.object
+    assert ">now<" not in page.compared.object
+    assert "shell.FlatContact" in page.title.object
+    assert "grayscale" in page.pictures.styles["filter"]
+    assert "grayscale" in page.rows.styles["filter"]
+    assert "value of the last state, at 8 kPa" in page.rows.object
+    shown = (page.curve.stable, page.curve.unstable, page.curve.now, page.curve.marks, page.helps.source)
+    assert all(len(column) == 0 for source in shown for column in source.data.values())
