@@ -344,7 +344,7 @@ class Page:
 
     def _turned_to(self, place: int) -> None:
         self._show_code()
-        self._show_pins()
+        self.later(self._show_pins)
         if place == 1:  # a picture file is made while the page waits, Matplotlib need not be read then
             self.in_background(lambda tell: importlib.import_module("softgrip_jax.plots"))
         point, empty = self._unread.pop(place, (None, None))
@@ -459,9 +459,7 @@ class Page:
             self.say(sentence, True)
             return
         self.say("compiling ...")
-        self.curve.clear()
-        self.helps.show(Helps(self.session.observable, ()))
-        self._show_pins()
+        self.later(self._clear)
         self.ask()
 
     def open_scene(self, scene: Scene, at: float | dict[str, float] | None = None) -> None:
@@ -647,7 +645,7 @@ class Page:
 
         has_curve: whether the curve is of what is asked, though its point is not: a design without a state has one.
         """
-        self.curve.dim_point(is_grey)
+        self.later(partial(self.curve.dim_point, is_grey))
         for part in (self.pictures, self.space, self.rows, self.bars, self.curves):
             is_last = is_grey and not (has_curve and part is self.curves)
             looks = {"opacity": "0.35", "filter": "grayscale(1)"} if is_last else {"opacity": "1", "filter": "none"}
@@ -714,6 +712,12 @@ class Page:
                 self.space.append(pn.pane.Plotly(shown, sizing_mode="stretch_width", height=SPACE))
         except InputError as error:
             self.say(str(error), True)
+
+    def _clear(self) -> None:
+        """What is left of the scene before when another one was opened: the pins."""
+        self.curve.clear()
+        self.helps.show(Helps(self.session.observable, ()))
+        self._show_pins()
 
     def _show_pins(self) -> None:
         kind = self.session.observables[self.session.observable][2]

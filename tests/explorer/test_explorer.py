@@ -818,6 +818,7 @@ def shown_page(session, active):
 
     page, pins = object.__new__(Page), []
     page.session, page.refused, page._drawn, page.say = session, "", session.good, lambda *words: None
+    page.later = lambda act: act()
     parts = ["rows", "code", "compared", "pictures", "space", "bars", "curves"]
     page.__dict__.update({name: argparse.Namespace(object="", styles={}) for name in parts})
     page.tabs, page._answered = argparse.Namespace(active=active), set()
@@ -897,7 +898,7 @@ def test_nothing_of_the_scene_before_looks_like_that_of_the_one_that_is_open():
     page = Page(Session(free(), 8 * kPa))
     page.work.close()
     page.further.close()
-    page.work = argparse.Namespace(ask=lambda question: None)
+    page.work, page.later = argparse.Namespace(ask=lambda question: None), lambda act: act()
     question = page.session.question()
     for stage in answer(question):
         page._show(question, stage)
