@@ -283,7 +283,9 @@ class CurveView:
         labels = LabelSet(x="x", y="y", text="text", source=self.marks, y_offset=6, text_font_size="11px")
         labels.text_align, labels.text_color = "align", "#005A43"
         self.figure.add_layout(labels)
-        point = self.figure.scatter("x", "y", source=self.now, size=14, color=VERMILION, line_color="white")
+        self._point = point = self.figure.scatter(
+            "x", "y", source=self.now, size=14, color=VERMILION, line_color="white"
+        )
         drag = PointDrawTool(renderers=[point], add=False)
         self.figure.add_tools(drag)
         self.figure.toolbar.active_tap = drag
@@ -318,6 +320,12 @@ class CurveView:
         self._hold()
         self.figure.yaxis.axis_label = with_unit(curve.observable, kind)
 
+    def clear(self) -> None:
+        """Nothing but the pins: another scene has another curve, and a compiler may be waited for until it is there."""
+        self.marks.data = {"x": [], "y": [], "text": [], "align": []}
+        for source in (self.stable, self.unstable, self.now):
+            source.data = {"x": [], "y": []}
+
     def _hold(self) -> None:
         """Axes for the curve, its pins and the present state."""
         each: list[Any] = [self.stable.data, self.unstable.data, self.now.data]
@@ -336,6 +344,12 @@ class CurveView:
         self._placed = pressure / kPa
         self.now.data = {"x": [self._placed], "y": [value / DISPLAY[kind][1]]}
         self._hold()
+
+    def dim_point(self, is_last: bool) -> None:
+        """Whether the point is of the last state, and not of what is asked."""
+        colour = LOOKS["ghost"]["line"] if is_last else VERMILION
+        if self._point.glyph.fill_color != colour:
+            self._point.glyph.fill_color = colour
 
     def show_pins(self, curves: list[tuple[str, CurveData]], kind: str) -> None:
         """The curves of pinned designs."""

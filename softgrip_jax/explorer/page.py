@@ -12,6 +12,7 @@ from io import BytesIO, StringIO
 from typing import Any
 
 import panel as pn
+import param
 from bokeh.models import ColumnDataSource, CustomJS, Slider
 from panel.models.plotly import PlotlyPlot
 
@@ -212,6 +213,8 @@ class Page:
         """Why what was given last is not asked; what comes meanwhile is of the state before."""
         self._unfilled: set[str] = set()
         self.views: list[View] = []
+        self._drawn: State | None = None
+        """Whose picture and numbers stand there; of a scene that is open no more, perhaps."""
         self.told = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.rows = pn.pane.HTML("", stylesheets=[CSS], sizing_mode="stretch_width")
         self.pictures = pn.Column(sizing_mode="stretch_width", min_height=340)
@@ -219,6 +222,16 @@ class Page:
         self.choices = pn.FlexBox(sizing_mode="stretch_width")
         self.curve = CurveView(self._dragged)
         self.helps = HelpView(self._clicked)
+        self.curves: Any = pn.Column(
+            pn.pane.Bokeh(self.curve.figure, sizing_mode="stretch_width"), sizing_mode="stretch_width"
+        )
+        self.bars: Any = pn.Column(
+            pn.pane.HTML(
+                "<b>What would help</b>: click a bar to move its slider so that the value grows", margin=(4, 10)
+            ),
+            pn.pane.Bokeh(self.helps.figure, sizing_mode="stretch_width"),
+            sizing_mode="stretch_width",
+        )
         self.space: Any = pn.Column(sizing_mode="stretch_width", height=SPACE)
         self.observable = pn.widgets.Select(
             name="curve and elasticities of", options=list(session.observables), value=session.observable, width=220
@@ -282,11 +295,8 @@ class Page:
         )
         right = pn.Column(
             self.observable,
-            pn.pane.Bokeh(self.curve.figure, sizing_mode="stretch_width"),
-            pn.pane.HTML(
-                "<b>What would help</b>: click a bar to move its slider so that the value grows", margin=(4, 10)
-            ),
-            pn.pane.Bokeh(self.helps.figure, sizing_mode="stretch_width"),
+            self.curves,
+            self.bars,
             sizing_mode="stretch_width",
             styles={"flex": "1 1 320px"},
             css_classes=["sg-stays"],
@@ -334,6 +344,7 @@ class Page:
 
     def _turned_to(self, place: int) -> None:
         self._show_code()
+        self.later(self._show_pins)
         if place == 1:  # a picture file is made while the page waits, Matplotlib need not be read then
             self.in_background(lambda tell: importlib.import_module("softgrip_jax.plots"))
         point, empty = self._unread.pop(place, (None, None))
@@ -376,6 +387,8 @@ class Page:
         question = self.session.question()
         if self._answered and question.form not in self._answered:
             self.say("compiling ...")
+            self._grey(True)
+            self._show_last_rows()
         self.work.ask(question)
 
     def _done(self, control: Control, sentence: str) -> None:
@@ -384,8 +397,7 @@ class Page:
         if sentence:
             self._grey(True)
             self.say(sentence, True)
-            if self.session.good is not None:
-                self._show_rows(self.session.good, True)
+            self._show_last_rows()
         else:
             if control.key == PRESSURE and self.task.value:
                 self.task.value = False
@@ -423,6 +435,9 @@ class Page:
         self._done(control, sentence)
 
     def _clicked(self, key: str, elasticity: float) -> None:
+        if key not in self.session.numbers and key != "pressure":
+            self.say(f"{key} is a number of the scene before; these bars are not of the scene that is open.", True)
+            return
         sentence = self.session.nudge(key, elasticity > 0)
         key = PRESSURE if key == "pressure" else key
         self.controls[key].show(self.session.numbers[key], self.session.values[key])
@@ -444,6 +459,7 @@ class Page:
             self.say(sentence, True)
             return
         self.say("compiling ...")
+        self.later(self._clear)
         self.ask()
 
     def open_scene(self, scene: Scene, at: float | dict[str, float] | None = None) -> None:
@@ -480,10 +496,15 @@ class Page:
             self.with_library(PlotlyPlot, self._show_space)
 
     def _file(self, kind: str) -> Any:
+        """A file for the browser; where there is none, the page says why, and Panel sends nothing."""
         session = self.session
-        if kind in ("png", "svg"):
-            return BytesIO(session.picture(kind))
-        return StringIO({"toml": session.toml, "csv": session.table, "py": session.python}[kind]())
+        try:
+            if kind in ("png", "svg"):
+                return BytesIO(session.picture(kind))
+            return StringIO({"toml": session.toml, "csv": session.table, "py": session.python}[kind]())
+        except InputError as error:
+            self.say(str(error), True)
+            raise param.Skip from None
 
     # --- models -------------------------------------------------------------------------------------------------------
 
@@ -563,12 +584,13 @@ class Page:
         return thread
 
     def _deliver(self, question: Question, stage: Any) -> None:
-        is_first = self.session.good is None
+        # What else is said of a state waits for no hand while there is none, and for no compiler of curve and bars.
+        is_awaited = None in (self.session.good, self.session.curve, self.session.helps)
         self.later(partial(self._show, question, stage))
         if isinstance(stage, State | str):
             self.later(self._fill_boxes)
         if isinstance(stage, State):
-            if is_first:  # what else is said of it waits for no hand
+            if is_awaited:
                 self.later(partial(self._show, question, Words(stage)))
             self.later(partial(self.further.ask, (question, stage)))
 
@@ -597,6 +619,9 @@ class Page:
         if isinstance(stage, str):
             self._grey(True)
             self.say(stage, True)
+            self._show_last_rows()
+            self._show_pins()
+            self._show_code()
         elif isinstance(stage, State):
             self._answered.add(question.form)
             self._show_state(stage)
@@ -607,6 +632,7 @@ class Page:
             self.controls[PRESSURE].show(
                 self.session.numbers[PRESSURE], self.session.values[PRESSURE], with_box=False
             ) if not self._is_moving(question) else None
+            self._show_pins()
         elif isinstance(stage, Helps):
             self.helps.show(stage)
 
@@ -614,18 +640,25 @@ class Page:
         """Whether something was asked after this question."""
         return question.number != self.session.asked
 
-    def _grey(self, is_grey: bool) -> None:
-        """Whether what is drawn is of another state than what is asked. A browser keeps a look that is left out."""
-        looks = {"opacity": "0.35", "filter": "grayscale(1)"} if is_grey else {"opacity": "1", "filter": "none"}
-        for part in (self.pictures, self.space, self.rows):
-            if part.styles != looks and (is_grey or part.styles):
+    def _grey(self, is_grey: bool, has_curve: bool = False) -> None:
+        """Whether what is drawn is of another state than what is asked. A browser keeps a look that is left out.
+
+        has_curve: whether the curve is of what is asked, though its point is not: a design without a state has one.
+        """
+        self.later(partial(self.curve.dim_point, is_grey))
+        for part in (self.pictures, self.space, self.rows, self.bars, self.curves):
+            is_last = is_grey and not (has_curve and part is self.curves)
+            looks = {"opacity": "0.35", "filter": "grayscale(1)"} if is_last else {"opacity": "1", "filter": "none"}
+            if part.styles != looks and (is_last or part.styles):
                 part.styles = looks
 
     def _show_state(self, state: State) -> None:
-        self._grey(not state.ok or bool(self.refused))
+        self._grey(not state.ok or bool(self.refused), has_curve=not self.refused)
         if not state.ok:
             self.say(self.refused or state.message, True)
+            self._show_last_rows()  # at once: what follows a picture may wait for a compiler
             return
+        self._drawn = state
         if len(state.sections) != len(self.views) or not self.views or self._labels != _labels(state):
             self._labels = _labels(state)
             self.views = [View(section, k == 0) for k, section in enumerate(state.sections)]
@@ -640,12 +673,12 @@ class Page:
         """The numbers of the picture that is shown: of the last good one where this state is none."""
         if state.ok and not self.refused:
             self.say(f"{state.pressure / kPa:.5g} kPa{''.join(map(near_words, state.margins[:1]))}")
-        if self.tabs.active == 0:
-            self._show_pins()
+        self._show_pins()
         self._show_code()
         shown = state if state.ok else self.session.good
         name, component, _ = self.session.observables[question.observable]
         if shown is None:
+            self._show_last_rows()
             return
         self._show_rows(shown, not state.ok or bool(self.refused))
         value = float(part_of(shown.solution.observables, name, component))
@@ -653,6 +686,11 @@ class Page:
         if self.session.own_task and state.ok:
             number = self.session.numbers[PRESSURE].holding(state.pressure)
             self.controls[PRESSURE].show(number, state.pressure)
+
+    def _show_last_rows(self) -> None:
+        """The numbers of what is drawn, which is not what is asked."""
+        if self._drawn is not None:
+            self._show_rows(self._drawn, True)
 
     def _show_rows(self, shown: State, is_last: bool) -> None:
         """The numbers of a state; is_last: which is not what is asked, but was the last."""
@@ -675,10 +713,18 @@ class Page:
         except InputError as error:
             self.say(str(error), True)
 
+    def _clear(self) -> None:
+        """What is left of the scene before when another one was opened: the pins."""
+        self.curve.clear()
+        self.helps.show(Helps(self.session.observable, ()))
+        self._show_pins()
+
     def _show_pins(self) -> None:
         kind = self.session.observables[self.session.observable][2]
         curves = [(p.name, p.curve) for p in self.session.pins if p.curve is not None]
         self.curve.show_pins([(n, c) for n, c in curves if c.observable == self.session.observable], kind)
+        if self.tabs.active != 0:
+            return
         if self.session.pins:
             self.compared.object = table_html(*self.session.differences())
         elif self.compared.object:

@@ -79,7 +79,9 @@ class Pin:
     inputs: dict[str, str]
     """Choices, pressure and numbers, by key."""
     rows: dict[str, str]
+    scene: Scene
     curve: CurveData | None
+    """None until it is known."""
 
 
 class Session:
@@ -226,7 +228,7 @@ class Session:
         curve = self.curve if self.curve is not None and self.curve.scene is state.scene else None
         inputs = {"scene": self.title()} | {key: str(choice.value) for key, choice in self.choices.items()}
         inputs |= {key: number.shown(values[key]) for key, number in self.numbers.items()}
-        return Pin(name, inputs, {row.name: row.text for row in state.rows}, curve)
+        return Pin(name, inputs, {row.name: row.text for row in state.rows}, state.scene, curve)
 
     def unpin(self) -> None:
         """Forget all pinned designs."""
@@ -261,6 +263,9 @@ class Session:
                     self.values[PRESSURE] = stage.pressure
         elif isinstance(stage, CurveData):
             self.curve = stage
+            for k, pin in enumerate(self.pins):  # pinned before its curve was there
+                if pin.curve is None and pin.scene is stage.scene:
+                    self.pins[k] = dataclasses.replace(pin, curve=stage)
             if np.isfinite(stage.limit) and stage.limit > 0:
                 number = self.numbers[PRESSURE]
                 least, most = ROUND_LIMIT
@@ -300,9 +305,18 @@ class Session:
         """The command that gives the same from the config."""
         return f"softgrip solve {file}"
 
+    def _require_present(self, scene: Scene | None, name: str) -> None:
+        """InputError where a picture or a curve that is to be taken along is not of the numbers of the sliders: its
+        file would not say so."""
+        leaves = None if scene is None else jax.tree.leaves(scene)
+        now = jax.tree.leaves(self.current())
+        if leaves is None or not all(np.array_equal(one, other) for one, other in zip(leaves, now, strict=True)):
+            raise InputError(f"The {name} of this design is still being computed.")
+
     def table(self) -> str:
-        """The curve as CSV, in the units of configs."""
+        """The curve as CSV, in the units of configs; InputError where that of the present design is not known."""
         out = io.StringIO()
+        self._require_present(None if self.curve is None else self.curve.scene, "curve")
         rows = csv.writer(out, lineterminator="\n")
         if self.curve is not None:
             _, _, kind = self.observables[self.curve.observable]
@@ -314,11 +328,15 @@ class Session:
         return out.getvalue()
 
     def picture(self, ending: str) -> bytes:
-        """The last good state as a picture file: "png", "svg" or "pdf"."""
+        """The state as a picture file: "png", "svg" or "pdf"; InputError where there is none."""
         from ..plots import draw
 
+        self.current()  # where numbers do not go together this says so
+        if self.message:
+            raise InputError(f"There is no picture of this design: {self.message}")
         if self.good is None:
             raise InputError("There is no state to draw yet.")
+        self._require_present(self.good.scene, "picture")
         out = io.BytesIO()
         draw(self.good.solution).savefig(out, format=ending)
         return out.getvalue()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -194,6 +194,15 @@ def _spread(count: int, most: int) -> np.ndarray:
     return np.linspace(0, max(count - 1, 0), min(count, most)).round().astype(int)
 
 
+def _require_known(place: Path, kinds: dict[str, str], statuses: dict[str, np.ndarray]) -> None:
+    """ConfigError where a study has a kind of quantity or a status that is not known here: another version wrote it."""
+    strange = [f"{name} is of the kind {kind!r}" for name, kind in kinds.items() if kind not in DISPLAY]
+    for name, values in statuses.items():
+        strange += [f"{name} has the status {code}" for code in sorted(set(values.ravel().tolist()) - set(Status))]
+    if strange:
+        raise ConfigError(f"{place} cannot be read: {strange[0]}, which this version of softgrip_jax does not know.")
+
+
 def open_study(place: Path, root: Path) -> Studied:
     """Open the study in a folder or a store.
 
@@ -213,6 +222,7 @@ def open_study(place: Path, root: Path) -> Studied:
     statuses = [data[name].attrs["status"] for name in quantities]
     rows = {name: np.asarray(part[name].values) for name in (*names, *quantities, *statuses)}
     kinds = {name: data[name].attrs["kind"] for name in (*names, *quantities)}
+    _require_known(place, kinds, {name: rows[name] for name in statuses})
     parameters, asked = _config_of(place, root, names)
     return Studied(data, names, quantities, kinds, rows, parameters, asked)
 
@@ -286,6 +296,8 @@ class StudyTab:
         for column in (self.scatter, self.map):
             column.styles, column.min_width = {"flex": "1 1 380px"}, 260
         self._filling = False
+        self._place: Path | None = None
+        """What was asked for last: one that was read slowly does not take the place of it."""
         self.again.on_click(lambda event: self.look())
         self.open_button.on_click(lambda event: self.open())
         for menu in (self.x, self.y):
@@ -323,6 +335,7 @@ class StudyTab:
             self.line.say("There is no study to open.", True)
             return
         self.line.say("reading ...")
+        self._place = place
         self.page.in_background(partial(self._read, place))
 
     def open_design(self, row: int) -> None:
@@ -355,15 +368,18 @@ class StudyTab:
     # --- in a thread --------------------------------------------------------------------------------------------------
 
     def _read(self, place: Path, tell: Tell) -> None:
+        def if_wanted(act: Callable[[], None]) -> None:
+            self.page.later(lambda: act() if place == self._place else None)
+
         try:
             study = open_study(place, self.root)
-            self.page.later(lambda: self._show(study))
+            if_wanted(lambda: self._show(study))
         except InputError as error:
             sentence = str(error)
-            self.page.later(lambda: self.line.say(sentence, True))
+            if_wanted(lambda: self.line.say(sentence, True))
         except Exception as error:  # a store may be damaged in many ways
             fault = f"{place.name} cannot be read: {type(error).__name__}: {error}"
-            self.page.later(lambda: self.line.say(fault, True))
+            if_wanted(lambda: self.line.say(fault, True))
 
     # --- what is shown ------------------------------------------------------------------------------------------------
 

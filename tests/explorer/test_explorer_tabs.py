@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 
 import optim
 import softgrip_jax as sg
@@ -619,6 +620,53 @@ def test_a_damaged_study_is_told(page, tmp_path):
     tab = StudyTab(page, empty)
     tab.open()
     assert tab.line.text == "There is no study to open."
+
+
+def test_a_study_of_another_version_is_told(page, root, tmp_path):
+    """A status or a kind that is not known here left the line at "reading ..." for ever, and the study before on the
+    axes, whose points opened designs of the new one."""
+    kind = tmp_path / "kind"
+    shutil.copytree(root / "runs" / "walls", kind)
+    file = kind / "study.zarr" / "force_at_12_kPa" / "zarr.json"
+    file.write_text(file.read_text(encoding="utf-8").replace('"force"', '"novel"'), encoding="utf-8")
+    shutil.copytree(root / "runs" / "walls", tmp_path / "status")
+    codes = zarr.open_group(tmp_path / "status" / "study.zarr", mode="r+")["status_12_kPa"]
+    codes[:] = np.full(codes.shape, 9, codes.dtype)
+    tab = StudyTab(page, tmp_path)
+    for name, words in (
+        ("kind", "force_at_12_kPa is of the kind 'novel'"),
+        ("status", "status_12_kPa has the status 9"),
+    ):
+        tab.menu.value = name
+        tab.open()
+        page.wait()
+        assert tab.study is None
+        assert tab.line.text.endswith(f"{words}, which this version of softgrip_jax does not know.")
+        assert tab.line.is_wrong
+
+
+def test_the_study_that_was_asked_for_last_is_shown(page, root, monkeypatch):
+    """One that was read slowly took the place of it."""
+    from softgrip_jax.explorer import study
+
+    gate, shown = threading.Event(), []
+
+    def read(place, root):
+        if place.name == "b":
+            raise InputError("b is no study.")
+        assert gate.wait(10)
+        return place.name
+
+    monkeypatch.setattr(study, "open_study", read)
+    tab = StudyTab(page, root)
+    tab.places, tab._show = {"a": root / "a", "b": root / "b"}, shown.append
+    tab.menu.param.update(options=["a", "b"], value="a")
+    tab.open()
+    tab.menu.value = "b"
+    tab.open()
+    gate.set()
+    page.wait()
+    assert (shown, tab.line.text) == ([], "b is no study.")
 
 
 def test_an_axis_stays_while_it_fits():
