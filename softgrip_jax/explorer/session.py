@@ -308,9 +308,8 @@ class Session:
     def _require_present(self, scene: Scene | None, name: str) -> None:
         """InputError where a picture or a curve that is to be taken along is not of the numbers of the sliders: its
         file would not say so."""
-        leaves = None if scene is None else jax.tree.leaves(scene)
-        now = jax.tree.leaves(self.current())
-        if leaves is None or not all(np.array_equal(one, other) for one, other in zip(leaves, now, strict=True)):
+        known, now = jax.tree.leaves(scene), jax.tree.leaves(self.current())
+        if len(known) != len(now) or not all(map(np.array_equal, known, now)):
             raise InputError(f"The {name} of this design is still being computed.")
 
     def table(self) -> str:
