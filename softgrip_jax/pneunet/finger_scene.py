@@ -53,6 +53,8 @@ ROUGH = 0.05
 limit: up to 0.04, and 8e-4), what is integrated being right to the square."""
 EARLY = 1e-3
 """See LoadPath.early: of fingers without loads, whose way begins with the pressure."""
+AT_THE_END = 1e-12
+"""What a path keeps of the largest pressure of the walls: by rounding it would be beyond it, where there is no wall."""
 SLOWLY = 4.0
 """See MomentSpan: of fingers with other loads. The less, the sharper the path turns where the chambers begin."""
 GROWTH_PER_SEGMENT = 6.0
@@ -549,7 +551,7 @@ class FingerScene(PathEquations, Scene):
         if self.is_cell():
             end = LARGEST_PRESSURE * finger.material.shear_modulus()
             return GentlePath(loading, 0 * loading, smallest(scale), end, jnp.where(self.is_unloaded(), 0.0, SLOWLY))
-        numbers = (loading, smallest(begin), smallest(scale), smallest(end))
+        numbers = (loading, smallest(begin), smallest(scale), (1 - AT_THE_END) * smallest(end))
         if self.is_driven_by_moment():
             wall = within(finger, jnp.zeros_like(finger.L))
             most = wall.observe(jnp.pi + jnp.zeros_like(finger.L), numbers[-1])["end_moment"]

@@ -83,8 +83,10 @@ def test_a_finger_that_bends_until_its_walls_have_closed_has_a_limit():
     slope = slopes(A, (1 - 1e-9) * limit, 0.0)[1] * limit
     difference = (moment(A, limit * (1 - 1e-9), 0.0) - moment(A, limit * (1 - 2e-5), 0.0)) / (2e-5 - 1e-9)
     np.testing.assert_allclose(slope, difference, rtol=1e-3)
-    stiff = sg.pneunet.Free(dataclasses.replace(A, H=25e-3), weight=None, inclination="none")
-    np.testing.assert_allclose(sg.limit_pressure(stiff), limit, rtol=1e-9)
+    # A path may end some rounding beyond the last wall: so did a quarter of them with XLA's own optimisations.
+    stiff = sg.pneunet.Free(A, weight=None, inclination="none")
+    limits = jax.vmap(lambda H: sg.limit_pressure(dataclasses.replace(stiff, finger=dataclasses.replace(A, H=H))))
+    np.testing.assert_allclose(limits(np.linspace(24e-3, 28e-3, 40)), limit, rtol=1e-9)
 
 
 FIELDS = ["a", "b", "h_x", "t_m", "h_L", "H"]
