@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 import threading
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -574,15 +575,18 @@ def test_what_has_to_be_compiled_is_said(page):
     """A first pressure after a task was silent for seconds, below the error of what was typed before."""
     said, asked = [], []
     page._answered, page.say, page.work = set(), lambda *words: said.append(words), SimpleNamespace(ask=asked.append)
+    greyed = page._grey, page._show_last_rows = Mock(), Mock()
     page.ask()
     page._answered.add(asked[0].form)
     page.session.type_in(WALL, "1.2")
     page.ask()
     assert asked[0].values != asked[1].values
     assert said == []  # the page says it of its first picture; other numbers go through the same program
+    assert not any(call.called for call in greyed)
     page.session = Session(plane(), None, {"force": 4.0})
     page.ask()
     assert said == [("compiling ...",)]
+    assert all(call.called for call in greyed)  # what is drawn until then is of the state before
     assert (
         dataclasses.replace(asked[0], pressure=None).form != asked[0].form
     )  # what a scene itself is to do has no task
