@@ -411,11 +411,12 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
 
 def _of_materials(result: SearchResult) -> list[str]:
     """Where the best design is stretched further than its material's law is trusted."""
-    labels = dict(zip(result.problem.asked.states, result.problem.asked.state_labels(), strict=True))
+    asked = result.problem.asked
     return [
-        f"Design 1, {labels[state]}: {name} {words}."
-        for state, (_, best) in result.solutions.items()
-        for name, words in of_material(best).items()
+        f"Design 1, {label}: {name} {words}."
+        for state, label in zip(asked.states, asked.state_labels(), strict=True)
+        if state in result.solutions
+        for name, words in of_material(result.solutions[state][1]).items()
     ]
 
 

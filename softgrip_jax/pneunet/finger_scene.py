@@ -54,7 +54,7 @@ limit: up to 0.04, and 8e-4), what is integrated being right to the square."""
 EARLY = 1e-3
 """See LoadPath.early: of fingers without loads, whose way begins with the pressure."""
 AT_THE_END = 1e-12
-"""What a path keeps of the largest pressure of the walls: by rounding it would be beyond it, where there is no wall."""
+"""A path ends this part of the walls' largest pressure before it: rounding leads beyond, where there is no wall."""
 SLOWLY = 4.0
 """See MomentSpan: of fingers with other loads. The less, the sharper the path turns where the chambers begin."""
 GROWTH_PER_SEGMENT = 6.0

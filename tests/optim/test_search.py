@@ -4,6 +4,7 @@ import dataclasses
 import importlib
 import signal
 import threading
+from unittest.mock import Mock
 
 import jax
 import jax.numpy as jnp
@@ -16,8 +17,8 @@ from scipy.optimize import differential_evolution
 
 import softgrip_jax as sg
 from optim.design import settings
-from optim.design.descent import FEASIBLE, search
-from optim.design.run import _batch, _near_limits
+from optim.design.descent import FEASIBLE, SearchResult, search
+from optim.design.run import _batch, _near_limits, _of_materials
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -118,6 +119,18 @@ def test_a_start_outside_of_the_bounds_is_named():
     """Its design is a column of the report, and the search begins elsewhere."""
     found = search(Formulas([lambda x: x[0] ** 2 + x[1]], [1.0] * 2, [3.0] * 2, start=[2.0, 4.0]), starts=2, steps=2)
     assert found.notes == ("The start is outside of the bounds of shell.b: the search begins from the nearest bound.",)
+
+
+def test_the_report_tells_where_the_best_design_is_stretched_too_far():
+    """Only of the best design, and by the state; a problem may have states that were not solved for."""
+    free = sg.shell.Free(shell())
+    goals = [Goal("maximise", Quantity("inflation", at=19 * kPa)), Goal("minimise", Quantity("stretch", at=15 * kPa))]
+    problem = Problem(Space({"free": free}, [Variable("shell.t_m", 1 * mm, 2 * mm)]), goals)
+    near, far = (sg.solve(free, p * kPa) for p in (15, 19))
+    found = Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [near, far]})
+    (words,) = _of_materials(found)
+    assert words.startswith("Design 1, 19 kPa: stretch 1.74 is more than the 1.5 or so")
+    assert _of_materials(Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [far, near]})) == []
 
 
 def test_limits_that_contradict_each_other_are_refused():
