@@ -20,7 +20,7 @@ from ..records import as_given, write_csv
 from .count import Count
 from .improve import ASCENT, DERIVATIVES
 from .run import Robust, words
-from .statistics import Wanted
+from .statistics import NOTHING_ASKED, Wanted
 
 NOMINAL, ROBUST = "nominal best", "robust best"
 LOW, HIGH = 0.05, 0.95
@@ -178,7 +178,9 @@ def write(folder: Path, read: configs.Config, problem: Problem, result: SearchRe
     goal = problem.goals[0].quantity
     k = problem.quantities.index(goal)
     casts = {
-        name: plots.Cast(count.values[:, 0], count.broken, design.values[k])
+        name: plots.Cast(
+            count.values[:, 0], np.where(count.broken > NOTHING_ASKED, count.broken, -np.inf), design.values[k]
+        )
         for name, count, design in (
             (NOMINAL, robust.of_nominal, result.designs[1]),
             (ROBUST, robust.of_best, result.designs[0]),

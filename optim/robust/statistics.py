@@ -35,6 +35,9 @@ Kind = Literal["nominal", "expected", "quantile", "worst"]
 LEAST_SHORTFALL = 1e-3
 """A part without equilibrium is broken by at least this much, however near it is to one."""
 
+NOTHING_ASKED = -1e9
+"""How far a part is from breaking something where it has nothing to keep."""
+
 LEAST_SPREAD = 1e-6
 """Of the worst scaled violation over the parts."""
 
@@ -72,7 +75,7 @@ def worth(
         own = [jnp.where(known[k], sign * (finite(safe[k], scale) - bound) / scale, 0.0)
                for k, sign, bound, scale in sides]  # fmt: skip
         every = jnp.concatenate([jnp.stack(own) if own else jnp.zeros(0), judged.violations[rules:]])
-        worst = jnp.max(every, initial=-1e9) if every.size else jnp.asarray(-1e9)
+        worst = jnp.max(every, initial=NOTHING_ASKED)
         broken = jnp.where(shortfall > 0, shortfall + LEAST_SHORTFALL, worst)
         return Worth(judged.objective, judged.violations, broken)
 

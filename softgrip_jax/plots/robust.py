@@ -25,7 +25,8 @@ class Cast(NamedTuple):
 
     Args:
         values: of the goal in SI, one per part; NaN where a part has no equilibrium.
-        broken: the worst scaled violation of each part, dimensionless; positive where it fails.
+        broken: the worst scaled violation of each part, dimensionless; positive where it fails, -inf where it has
+            nothing to keep. Where that is so of every part the picture has no panel of them.
         nominal: the goal of the design itself, SI.
 
     Examples:
@@ -62,14 +63,16 @@ def robust(
     """
     unit, factor = DISPLAY[kind]
     words = f"{label} ({unit})" if unit else label
-    panels = 2 + bool(front) + bool(prices)
+    has_edge = bool(np.any(np.isfinite(_broken(casts))))
+    panels = 1 + has_edge + bool(front) + bool(prices)
     rows, columns = (2, 2) if panels == 4 else (1, panels)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(WIDTH * (1.3 if columns == 3 else 1), HEIGHT * rows))
         axes = list(np.ravel(figure.subplots(rows, columns)))
         _goal(axes[0], casts, words, factor)
-        _edge(axes[1], casts)
-        rest = axes[2:]
+        rest = axes[1:]
+        if has_edge:
+            _edge(rest.pop(0), casts)
         if front:
             _front(rest.pop(0), front, casts, words, factor)
         if prices:
@@ -91,14 +94,20 @@ def _goal(ax: Axes, casts: Mapping[str, Cast], words: str, factor: float) -> Non
     ax.legend(loc="upper left", frameon=True, edgecolor="none")
 
 
+def _broken(casts: Mapping[str, Cast]) -> np.ndarray:
+    return np.concatenate([cast.broken for cast in casts.values()])
+
+
 def _edge(ax: Axes, casts: Mapping[str, Cast]) -> None:
-    ends = np.quantile(np.concatenate([cast.broken for cast in casts.values()]), SHOWN)
+    known = _broken(casts)
+    ends = np.quantile(known[np.isfinite(known)], SHOWN)
     for (name, cast), colour in zip(casts.items(), (VERMILION, BLUE, GREEN), strict=False):
         room = np.sort(-cast.broken)
         share = np.mean(cast.broken <= 0)
         ax.plot(room, 1 - np.arange(len(room)) / len(room), color=colour, label=f"{name}: yield {share:.1%}")
     ax.axvline(0, color="#4D4D4D", linewidth=0.8)
-    ax.set_xlim(-ends[1], -ends[0])
+    if ends[1] > ends[0]:
+        ax.set_xlim(-ends[1], -ends[0])
     ax.set_ylim(0, 1.3)
     ax.set_yticks(np.linspace(0, 1, 5))
     ax.set_xlabel("room to the worst requirement (scaled)\nparts left of 0 fail")

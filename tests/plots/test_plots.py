@@ -709,3 +709,11 @@ def test_a_chamber_s_walls_go_from_edge_to_edge_and_lie_on_each_other(inclinatio
         wall = sg.pneunet.Chamber(finger, 0.0).wall(solution.clamp_angle)
         length = np.sum(np.hypot(*np.diff(right, axis=0).T))
         np.testing.assert_allclose(length, 2 * float(finger.a * wall.stretch) / mm, rtol=1e-4)
+
+
+def test_parts_with_nothing_to_keep_have_no_panel_of_what_they_break():
+    parts = np.linspace(0.9, 1.1, 50)
+    free, some = np.full(50, -np.inf), np.where(parts < 1, -np.inf, 0.3)
+    assert len(plots.robust({"best": plots.Cast(parts, free, 1.0)}, "tip force", "force").axes) == 1
+    with_edge = plots.robust({"best": plots.Cast(parts, some, 1.0)}, "tip force", "force")
+    assert np.all(np.isfinite(with_edge.axes[1].get_xlim()))
