@@ -146,7 +146,7 @@ def write_whole(path: Path, content: bytes | Callable[[Path], Any]) -> None:
             unfinished.write_bytes(content)
         else:
             content(unfinished)
-        with unfinished.open("rb") as file:
+        with unfinished.open("r+b") as file:
             os.fsync(file.fileno())
         unfinished.replace(path)
     except OSError as error:

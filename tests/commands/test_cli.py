@@ -4,6 +4,7 @@ import errno
 import importlib
 import json
 import math
+import os
 import re
 import shlex
 import subprocess
@@ -197,3 +198,14 @@ def test_a_file_that_cannot_be_written_after_all_is_named(tmp_path):
         write_whole(tmp_path / "curve.csv", full)
     assert str(caught.value).startswith(str(tmp_path / "curve.csv"))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="fcntl is of Unix")
+def test_a_file_is_brought_to_the_disk_by_one_who_may_write_it(tmp_path, monkeypatch):
+    """Windows refuses it to others."""
+    import fcntl
+
+    modes = []
+    monkeypatch.setattr(os, "fsync", lambda number: modes.append(fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE))
+    write_whole(tmp_path / "curve.csv", b"pressure_kPa")
+    assert modes == [os.O_RDWR]

@@ -186,7 +186,7 @@ def test_newtons_method_gives_the_answer_where_it_is_sure_and_else_where_the_pat
     beyond = _climbed(3.0, 0.9)
     assert beyond.reason == FOLD
     assert beyond.u.tolist() == pytest.approx([1.0, 2 / 3], rel=1e-7)
-    assert beyond.iterations < 0.7 * _climbed(3.0, 0.0).iterations
+    assert beyond.iterations < 0.4 * _climbed(3.0, 0.0).iterations  # between what it found and what it lost, too
 
 
 def test_a_goal_that_comes_before_the_one_that_was_climbed_to_is_found():
