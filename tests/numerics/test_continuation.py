@@ -299,6 +299,8 @@ def test_two_moves_tell_of_the_next_but_a_long_first_one_may_hide_what_bends(mov
     newton = NewtonIteration(jnp.ones(2), *map(jnp.asarray, moves), jnp.asarray(2))
     assert bool(goes_on(newton, 8, FINE)) == more
     assert bool(has_converged(newton, FINE)) != more
+    # One unknown that is lost is enough to give up.
+    assert not goes_on(newton._replace(u=jnp.array([1.0, jnp.nan])), 8, FINE)
 
 
 # --- branches ---------------------------------------------------------------------------------------------------------
