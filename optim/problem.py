@@ -307,17 +307,18 @@ class Problem:
         self.quantities, self.kinds = self.asked.quantities, self.asked.kinds
         self.sides = [(self.quantities.index(c.quantity), *side, c.scale) for c in self.limits for side in c.sides()]
         """(index of the quantity, sign, bound, scale) of every limit's one-sided constraints."""
-        self._require_room()
+        self.require_room("constraints", self.sides)
 
-    def _require_room(self) -> None:
-        """An InputError where two limits on one quantity leave nothing between them."""
+    def require_room(self, what: str, sides: Sequence[tuple[int, int, float, float | None]]) -> None:
+        """An InputError where two one-sided constraints (as in `sides`; what they are called) on one quantity leave
+        nothing between them."""
         for k, quantity in enumerate(self.quantities):
-            low = max((bound for of, sign, bound, _ in self.sides if of == k and sign < 0), default=-np.inf)
-            high = min((bound for of, sign, bound, _ in self.sides if of == k and sign > 0), default=np.inf)
+            low = max((bound for of, sign, bound, _ in sides if of == k and sign < 0), default=-np.inf)
+            high = min((bound for of, sign, bound, _ in sides if of == k and sign > 0), default=np.inf)
             if low > high:
                 at_least, at_most = in_units(low, self.kinds[k]), in_units(high, self.kinds[k])
                 raise InputError(
-                    f"The constraints on {self.label(quantity)} contradict each other: at least {at_least} and at most "
+                    f"The {what} on {self.label(quantity)} contradict each other: at least {at_least} and at most "
                     f"{at_most}."
                 )
 

@@ -66,6 +66,9 @@ ENDS, ENOUGH = 40, 20
 ENDS_TO, TARGETS_TO = 1e-9, 1e-15
 """What SLSQP may leave of the (scaled) goal at an end, and of the square of a distance from a target."""
 
+LEAST_RANGE = 1e-9
+"""Of a goal between the ends: where one design is the best in every goal, its range is what SLSQP left."""
+
 SCOUTS = 9
 """Points of a front of two goals that say how it runs."""
 
@@ -185,6 +188,8 @@ def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np
     goals = known.terms.shape[1]
     report("ends of the front", known.evaluate.solves)
     known.find_ends()
+    if known.ends_meet:
+        return known.ends[:1]
     report("front between them", known.evaluate.solves)
     if goals == 3:
         flat = known.over_ends(points)
@@ -192,6 +197,8 @@ def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np
     scouts = known.undominated(known.approach(_simplex(2, min(SCOUTS, points))))
     known.add(_beyond(known.t[scouts]))
     known.find_ends()
+    if known.ends_meet:
+        return known.ends[:1]
     scouts = known.undominated(np.concatenate([known.ends, scouts]))
     report("designs evenly along it", known.evaluate.solves)
     flat, between = _evenly(known.scaled()[scouts], known.t[scouts], points)
@@ -254,12 +261,17 @@ class _Known:
 
     def scaled(self) -> np.ndarray:
         """Terms in the ranges between the ends."""
-        return (self.terms - self.best) / np.maximum(self.worst - self.best, 1e-12)
+        return (self.terms - self.best) / np.maximum(self.worst - self.best, LEAST_RANGE)
+
+    @property
+    def ends_meet(self) -> bool:
+        """Whether one design is the best in every goal."""
+        return bool(np.all(self.worst - self.best <= LEAST_RANGE))
 
     def find_ends(self) -> None:
         """Bring each goal to its best; `best` and `worst` are then the ranges that the ends span."""
         solved = np.isfinite(self.broken)
-        spread = np.maximum(np.ptp(self.terms[solved], axis=0), 1e-12)
+        spread = np.maximum(np.ptp(self.terms[solved], axis=0), LEAST_RANGE)
         self.best, self.worst = np.zeros(len(spread)), spread
         goals = len(spread)
         weights = np.eye(goals) + OTHERS * (1 - np.eye(goals))
@@ -336,10 +348,10 @@ class _Known:
         return _simplex(3, points)
 
     def distances(self, flat: np.ndarray) -> np.ndarray:
-        """(point, design): s of every design from every point of the flat; what breaks a constraint is further."""
+        """(point, design): s of every design from every point of the flat; inf where it breaks a constraint: such a
+        design may be any number of ranges nearer where the ends are close to each other."""
         s = np.max(self.scaled()[None] - flat[:, None], axis=2)
-        s = np.where(self.broken <= FEASIBLE, s, s + 1 + 10 * np.minimum(self.broken, 1e6))
-        return np.where(np.isfinite(self.broken), s, np.inf)
+        return np.where(self.broken <= FEASIBLE, s, np.inf)
 
     def nearest(self, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(row, s) of the best design for every point of the flat."""
@@ -368,7 +380,7 @@ class _Known:
 
     def _seen(self, look: Look) -> Callable[[np.ndarray], Any]:
         """t -> (scaled terms, slopes, violations, slopes)."""
-        ranges = np.maximum(self.worst - self.best, 1e-12)
+        ranges = np.maximum(self.worst - self.best, LEAST_RANGE)
 
         @remembered
         def seen(t):

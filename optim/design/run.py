@@ -102,7 +102,8 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
     if wanted.uncertain is not None:
         if spread is not None:
             raise ConfigError(f"{config}, [design.uncertain]: this is searched in one process; leave out --workers.")
-        scattered = Scattered(wanted.problem, wanted.uncertain)
+        with located(f"{config}, [design.uncertain]"):
+            scattered = Scattered(wanted.problem, wanted.uncertain)
     with new_folder(out, config.stem) as (folder, final):
         with nullcontext(scattered.evaluator) if scattered else evaluator_on(spread, wanted.problem) as evaluator:
             result, other = _search_with_progress(wanted, console, evaluator)

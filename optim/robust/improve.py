@@ -139,8 +139,8 @@ def _distinct(rows: list[np.ndarray]) -> np.ndarray:
 def _ranked(answer: Answer, ends: np.ndarray, width: float, method: str, has_yield: bool) -> list[Improved]:
     rows = zip(ends, answer.values, answer.shortfall, strict=True)
     free = np.full(answer.values.shape[1] - 1, KEPT)
-    if has_yield:  # its logit is the first constraint
-        free[0] = KEPT_LOGIT
+    if has_yield:  # its logit is the first constraint, where any design says something
+        free[:1] = KEPT_LOGIT
     found = [Improved(t, v, bool(np.all(v[1:] <= free)), width, method) for t, v, lost in rows if not lost]
     return sorted(found, key=lambda one: one.rank)
 

@@ -194,10 +194,16 @@ class Requirements:
     Args:
         problem: whose quantities are asked for.
         limits: what is required beside the rules; None: what the problem's own limits say.
+
+    Raises:
+        InputError: where two limits contradict each other.
     """
 
     problem: Problem
     limits: tuple[Limits, ...] | None = None
+
+    def __post_init__(self) -> None:
+        self.problem.require_room("requirements", self.sides)
 
     @property
     def sides(self) -> list[tuple[int, int, float, float]]:

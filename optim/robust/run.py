@@ -110,6 +110,7 @@ class Scattered:
     def __init__(self, problem: Problem, uncertain: Uncertain):
         of_parts = problem_of_parts(problem, uncertain.scatters)
         self.problem, self.uncertain, self.parts = problem, uncertain, Parts(of_parts)
+        self.requirements = Requirements(of_parts, uncertain.limits)
         self.designs = DesignsOfParts(self.parts)
 
     def evaluator(self, problem: Problem, chunk: int) -> Any:
@@ -125,7 +126,7 @@ class Scattered:
         wants = Wants(
             self.parts,
             uncertain.scatters,
-            Requirements(self.parts.problem, uncertain.limits),
+            self.requirements,
             uncertain.wanted,
             scaling.scales,
             uncertain.samples,

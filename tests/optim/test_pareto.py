@@ -78,6 +78,14 @@ def test_a_front_of_one_design_says_why():
     assert alone == "One design is the best in every goal: there is nothing to trade off."
 
 
+def test_a_front_of_one_design_that_only_a_constraint_keeps_from_a_better_one():
+    """Designs that broke the constraint were nearer than the only one on the front, and a traceback was the answer."""
+    goals = [lambda x: x[0] + x[1] ** 2, lambda x: 2 * x[0] + x[1] ** 2]
+    front = pareto(Formulas(goals, [1.0, -1.0], [4.0, 2.0], limits=[lambda x: 2 - x[0]]), points=3, starts=8)
+    np.testing.assert_allclose(front.terms, [[2, 4]], atol=1e-6)
+    assert front.notes == ("One design is the best in every goal: there is nothing to trade off.",)
+
+
 @pytest.mark.parametrize("stage", ["front between them", "designs evenly along it"])
 def test_what_was_found_until_it_is_stopped_is_kept(stage):
     def report(name, solves):

@@ -141,7 +141,7 @@ def test_samples_take_over_where_a_promised_objective_is_not_counted(monkeypatch
     own = Design(begin[0], begin[0], np.full(2, 1 * mm), 1.0, none, none, (Status.OK,), ("solved",), True, 1.0, ())
     nominal = SearchResult(wants.problem, own, [own], {}, 0, {})
     scattered = Scattered.__new__(Scattered)
-    scattered.problem, scattered.parts = wants.problem, wants.parts
+    scattered.problem, scattered.parts, scattered.requirements = wants.problem, wants.parts, wants.requirements
     scattered.uncertain = Uncertain(wants.scatters, (), wants.wanted, None, 2.0, "auto", 64, 0, (), False)
     monkeypatch.setattr(running, "_improve", lambda wants, *_: (improved(wants, begin, DERIVATIVES)[0], ""))
     monkeypatch.setattr(Scattered, "_with_best", lambda self, nominal, *_: nominal)
@@ -239,6 +239,21 @@ def test_parts_without_equilibrium_are_looked_for_where_the_objective_is_best(of
     assert values[1, -1] > 0
     assert deviations[1, -1, 1] < 0
     assert sure.at_worst(ts).values[1, -1] > 0
+
+
+@pytest.mark.parametrize("method", [DERIVATIVES, BY_SAMPLES])
+def test_no_design_has_a_yield_where_none_has_an_equilibrium(method):
+    wants, _ = toy(Wanted("nominal", 0.5, 0.95), of=Bursting)
+    assert improved(wants, np.array([[0.5, 0.05], [0.9, 0.02]]), method) == []
+
+
+def test_requirements_that_contradict_each_other_are_refused():
+    space = Space({"toy": SCENE}, [Variable("shell.a", 8 * mm, 16 * mm)])
+    height = Quantity("height", "required", "toy")
+    problem = Problem(space, [Goal("minimise", height)])
+    between = [Limits(height, low=14 * mm), Limits(height, high=12 * mm)]
+    with pytest.raises(InputError, match="requirements on height at required contradict each other: at least 14 mm"):
+        robust_search(problem, Scatters([Scatter("shell.a", 0.1)]), promised=0.9, requirements=between)
 
 
 @pytest.mark.parametrize(("violation", "lost", "good"), [(-0.1, 0.0, True), (0.05, 0.0, False), (-0.1, 0.001, False)])
