@@ -106,6 +106,9 @@ def sentences(robust: Robust) -> list[str]:
         found.append(
             f"{len(robust.wants.solved_parts)} quasi-random parts of each design were solved: {robust.switched}."
         )
+    check = "holds" if robust.holds else "does NOT hold"
+    # A design that does not keep what is wanted promises nothing.
+    what, past = ("promise", "promised") if best.kept else ("prediction", "predicted")
     if wanted.promised is not None:
         found.append(
             f"The edge of the yield was smoothed over {best.width:.2g} standard deviations of the worst requirement at "
@@ -113,15 +116,13 @@ def sentences(robust: Robust) -> list[str]:
         )
         assert robust.share is not None
         off = abs(robust.share - robust.of_best.share)
-        check = "holds" if robust.holds else "does NOT hold"
         found.append(
-            f"The promise {check}: {robust.share:.2%} were promised and {robust.of_best.share:.2%} of "
+            f"The {what} {check}: {robust.share:.2%} were {past} and {robust.of_best.share:.2%} of "
             f"{robust.of_best.parts:,} fresh parts are good, {off:.2%} apart."
         )
     else:
-        check = "holds" if robust.holds else "does NOT hold"
         found.append(
-            f"The promise {check}: an objective of {robust.goal:.5g} in the {wanted.goal} case was promised, and "
+            f"The {what} {check}: an objective of {robust.goal:.5g} in the {wanted.goal} case was {past}, and "
             f"{robust.of_best.parts:,} fresh parts have {robust.of_best.goal:.5g} (scaled), with "
             f"{robust.of_best.lost:.2%} of them without equilibrium and a worst constraint of "
             f"{robust.of_best.violation:+.2e}."
