@@ -123,6 +123,18 @@ def test_estimates_bound_the_error_at_a_thousand_fingers():
     assert not needless
 
 
+def test_more_points_of_a_cell_finger_claim_no_gain():
+    """Its law bends sharply where walls begin to touch: from 21 to 42 points random fingers changed by up to 2e-4."""
+    ladder = fidelity.model_ladder(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), drive="cell"), ["tip_force"])
+    last = len(ladder) - 1
+
+    def read(k):
+        return fidelity.Reading(np.array([1.0 if k == last else 1.0001]), OK)
+
+    _, errors = fidelity.decide(ladder, read, 1e-9)
+    assert errors[last] > 0.99e-4
+
+
 def test_coarse_numerics_that_agree_by_chance_do_not_rule_out_finer_ones():
     """Errors of two coarse models may be equal; where nothing is left out, finer ones always help."""
     errors = [4e-1, 7.13e-5, 7.15e-5, 2.4e-7, 7.8e-10, 0.0]

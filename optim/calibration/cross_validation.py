@@ -107,8 +107,10 @@ def _chances(fit: Fit, weights: list[np.ndarray], ends: Fitted) -> tuple[np.ndar
     errors = np.where(kept > 0, np.asarray(ends.predicted.response.values) - fitting.y, 0.0)
     sigma, freedom = _noise_within(fit, kept, slopes, errors)
     at = sigma[fitting.of_curve]
-    factors = [float(fitting.robust_factor(jnp.asarray(errors[s] / at), jnp.asarray(kept[s]))) for s in range(count)]
-    J = slopes * (np.sqrt(kept) / at)[..., None] / np.sqrt(factors)[:, None, None]
+    J = slopes * (np.sqrt(kept) / at)[..., None]
+    fitted = [jnp.sum(leverage(jnp.asarray(one))) for one in J]
+    factors = [fitting.robust_factor(*map(jnp.asarray, (errors[s] / at, kept[s], fitted[s]))) for s in range(count)]
+    J = J / np.sqrt(factors)[:, None, None]
     variance = np.array([np.diag(inverse_square(jnp.asarray(one))) for one in J])
 
     def chance(Q: Any, parameters: int) -> Any:

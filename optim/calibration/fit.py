@@ -112,7 +112,17 @@ class Fit:
         response, sigma = self.predicted.response, np.asarray(self.member.sigma)[self.fitting.of_curve]
         weight = np.asarray(self.member.weight) * np.asarray(response.ok)
         r = np.where(weight > 0, (np.asarray(response.values) - self.fitting.y) / sigma, 0.0)
-        return float(self.fitting.robust_factor(jnp.asarray(r), jnp.asarray(weight)))
+        fitted = jnp.sum(leverage(jnp.asarray(self.rows)))
+        return float(self.fitting.robust_factor(jnp.asarray(r), jnp.asarray(weight), fitted))
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Derivatives of the weighted residuals by the scaled parameters; zero of points and parameters that are held
+        out of the fit."""
+        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
+        slopes = np.asarray(self.predicted.slopes) * self.scales * np.asarray(self.member.free)
+        scale = np.sqrt(weight) / np.asarray(self.member.sigma)[self.fitting.of_curve]
+        return np.where(weight > 0, slopes.T * scale, 0.0).T
 
     def quantiles(self, along: np.ndarray, variance: np.ndarray | None = None) -> np.ndarray:
         """Standard deviations on each side of the interval of combinations of the scaled parameters, one per row.
@@ -123,8 +133,7 @@ class Fit:
         """
         fitting = self.fitting
         weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
-        rows = np.asarray(self.predicted.slopes) * self.scales * np.asarray(self.member.free)
-        rows = np.where(weight > 0, rows.T * np.sqrt(weight) / np.asarray(self.member.sigma)[fitting.of_curve], 0.0).T
+        rows = self.rows
         of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
         free = of_curve @ (weight - np.asarray(leverage(jnp.asarray(rows))))
         parts = self.robust_factor * (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T

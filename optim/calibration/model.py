@@ -301,7 +301,7 @@ class Fitting:
         With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
 
             sigma_k^2 <- sum_k w (f - y)^2 / sum_k (w - h)      where it is not stated
-            covariance = (J^T W J)^-1 times, with a robust loss, mean(psi^2) / mean(psi')^2     (Huber 1981)
+            covariance = (J^T W J)^-1 times, with a robust loss, `robust_factor`
 
         With a robust loss an unknown sigma_k is 1.4826 times the median of |f - y| (of points with a weight).
         """
@@ -323,16 +323,25 @@ class Fitting:
         least = (LEAST_NOISE * self.sizes) ** 2
         estimated = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
         estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), member.sigma, estimated)
-        return Statistics(estimated, covariance * self.robust_factor(r, weight))
+        return Statistics(estimated, covariance * self.robust_factor(r, weight, jnp.sum(taken)))
 
-    def robust_factor(self, r: Array, weight: Array) -> Array:
-        """What a robust loss makes of the covariance; 1 of least squares."""
+    def robust_factor(self, r: Array, weight: Array, fitted: Array) -> Array:
+        """What a robust loss makes of the covariance; 1 of least squares.
+
+        With psi = rho'/2, n points and p directions that they are `fitted` along (Huber 1981, 7.6):
+
+            K^2 (sum psi^2 / (n - p)) / mean(psi')^2,       K = 1 + p/n var(psi') / mean(psi')^2
+        """
         if self.loss == "linear":
             return jnp.asarray(1.0)
         influence = jax.grad(lambda r: 0.5 * LOSSES[self.loss](r) ** 2)
         psi, bend = jax.vmap(influence)(r), jax.vmap(jax.grad(influence))(r)
-        total = jnp.sum(weight)
-        return (jnp.sum(weight * psi**2) / total) / (jnp.sum(weight * bend) / total) ** 2
+        points = jnp.sum(weight)
+        freedom = jnp.where(points > fitted, points - fitted, 1.0)
+        mean = jnp.sum(weight * bend) / points
+        varies = jnp.sum(weight * (bend - mean) ** 2) / points
+        K = 1 + fitted / points * varies / mean**2
+        return (K / mean) ** 2 * jnp.sum(weight * psi**2) / freedom
 
 
 START_NOISE = 1e-2

@@ -246,6 +246,31 @@ def test_robust_losses_are_scipys(ours, scipys, scale):
         assert np.all(np.abs(found.x - truth) < np.abs(plain.x - truth))
 
 
+def test_intervals_of_a_robust_loss_cover_the_truth():
+    """600 tension tests of 20 points: 95 % of the intervals of three constants hold the truth."""
+    strain = np.linspace(0.05, 2, 20)
+    truth = np.array([60e3, 4e3, 100.0])
+    stress = np.asarray(jax.vmap(Tension(sg.Yeoh(*truth)).stress)(strain))
+    y = stress + 2e3 * np.random.default_rng(3).normal(size=(600, 20))
+    variables = [Variable(f"material.c{k}", -most, most) for k, most in ((1, 3e5), (2, 1e5), (3, 2e4))]
+    curve = Curve("test", "test", "stress", "pressure", strain, stress)
+    problem = Fitting({"test": Tension(sg.Yeoh(c1=50e3))}, variables, [curve], loss="huber")
+    start = problem.member(to_free(problem.space.to_unit(truth)))
+
+    def experiment(y):
+        def again(member, _):
+            end = problem.fit_member(member)
+            found = problem.statistics(end.predicted, member, problem.scales(end.x))
+            return member._replace(start=end.u, sigma=found.sigma), (end.x, found.covariance)
+
+        _, (x, covariance) = jax.lax.scan(again, start._replace(y=y), length=10)
+        return x[-1], jnp.sqrt(jnp.diagonal(covariance[-1]))
+
+    x, deviation = map(np.asarray, jax.jit(jax.vmap(experiment))(jnp.asarray(y)))
+    inside = np.abs(x - truth) <= stats.t.ppf(0.975, 17) * deviation * np.asarray(problem.scales(truth))
+    assert 0.93 < inside.mean() < 0.97, inside.mean(axis=0)
+
+
 def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
     """Yeoh in tension is linear in its constants: covariance s^2 (A^T A)^-1, and the profile is the same interval."""
     strain = np.linspace(0.05, 2, 40)
