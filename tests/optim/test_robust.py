@@ -26,7 +26,7 @@ from optim.robust.evaluate import Answer, Wants
 from optim.robust.expansion import expanded, star
 from optim.robust.improve import ASCENT, BY_SAMPLES, DERIVATIVES, _restored, improved
 from optim.robust.parts import Parts, Requirements, problem_of_parts
-from optim.robust.report import asked_share, quantile_of
+from optim.robust.report import asked_share, quantile_of, sentences
 from optim.robust.run import Robust, Scattered, _first, is_feasible, robust_search
 from optim.robust.scatter import Draws, Scatter, ScatteredSpace, Scatters
 from optim.robust.settings import Uncertain
@@ -558,6 +558,9 @@ def test_without_a_budget_no_tolerances_are_compared_nor_said_to_be(monkeypatch)
     assert "comparing tolerances" not in told
     assert robust.budget is None
     assert "tolerances" not in robust.seconds
+    assert any(sentence.startswith("The promise ") for sentence in sentences(robust))
+    failed = dataclasses.replace(robust, best=robust.best._replace(kept=False))
+    assert not any("promise" in sentence for sentence in sentences(failed))
 
 
 def test_a_promise_that_is_not_kept_is_no_answer(tmp_path, monkeypatch):
