@@ -1,6 +1,7 @@
 """Robust designs: closed forms of a linear problem with normal scatter, plain Monte Carlo by `sg.solve`, derivatives by
 finite differences, distributions by their moments, and what the section [design.uncertain] does not take."""
 
+import dataclasses
 import importlib
 import json
 from types import SimpleNamespace
@@ -559,7 +560,7 @@ def test_without_a_budget_no_tolerances_are_compared_nor_said_to_be(monkeypatch)
     assert robust.budget is None
     assert "tolerances" not in robust.seconds
     assert any(sentence.startswith("The promise ") for sentence in sentences(robust))
-    failed = dataclasses.replace(robust, best=robust.best._replace(kept=False))
+    failed = dataclasses.replace(robust, best=dataclasses.replace(robust.best, kept=False))
     assert not any("promise" in sentence for sentence in sentences(failed))
 
 
