@@ -492,6 +492,7 @@ OWN_UNITS = [
     ("design", "low = 1", "low = 0", "low of shell.t_m_mm is 0; it must be a positive finite number in mm."),
     ("design", 'name = "shell.t_m_mm"\nlow = 1', 'name = "weight_N_per_m"\nlow = 1', "there is no number"),
     ("design", "minimise", "minimse", "there is no key goals.1.minimse; did you mean minimise?"),
+    ("design", "[design]", "[design]\nuncertain = 3", "[design]: uncertain is 3; it must be a table."),
     ("design", "high = 2", "higth = 2", "there is no key variables.1.higth; did you mean high?"),
     ("sweep", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high"),
 ]

@@ -514,6 +514,8 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
         ),
         (["--best", "force_at_12_kPa_N", "--where", "shell.a_mm >= nan"], "'nan' is not a finite number;"),
         (["--where", "shell.a_mm < 3"], "--where is given without --best"),
+        (["--most"], "--most is given without --best"),
+        (["--count", "3"], "--count is given without --best"),
     ],
 )
 def test_mistakes_about_a_summary_are_one_sentence(finished, capsys, words, sentence):
@@ -776,7 +778,7 @@ def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path, capsys):
         ('"shell.a_mm"', '"shell.a"', "did you mean shell.a_mm"),
         ('"distance_mm"', '"shell.a_mm"', "is given twice"),
         ('"force_N"', '"force"', "there is no quantity 'force'"),
-        ("at = { pressure_kPa = [10, 20] }", "", "force_N is asked at None"),
+        ("at = { pressure_kPa = [10, 20] }", "", "force_N is asked without at; at must be"),
         ("[sweep]", "[sweeep]", "did you mean sweep"),
     ],
 )
