@@ -272,6 +272,17 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
     assert "holds another study (different: config)" in capsys.readouterr().err
 
 
+def test_a_study_that_was_begun_on_another_kind_of_machine_is_told_as_that(tmp_path, monkeypatch):
+    walls = Grid([np.array([1.0, 1.1]) * mm])
+    study = sg.Study(sg.shell.Free(shell()), ["shell.t_m"], [sg.Quantity("inflation", at=12 * kPa)], walls)
+    run_in(tmp_path / "walls", study, "two walls")
+    monkeypatch.setattr(store, "device", lambda: "another")
+    run_in(tmp_path / "walls", study, "two walls")  # nothing is left to compute
+    store.Store(str(tmp_path / "walls" / STORE), study).mark({"finished": False})
+    with pytest.raises(ConfigError, match=r"begun on another kind of machine, \w+ \w+, and this one is another"):
+        run_in(tmp_path / "walls", study, "two walls")
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A study of six blocks, and where it is."""
