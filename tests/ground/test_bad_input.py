@@ -486,6 +486,18 @@ def test_wrong_parts():
     assert "it must be a Scene" in rest[-1]
 
 
+def test_a_preset_without_its_table_is_told_how_to_write_it(tmp_path, capsys):
+    (tmp_path / "bad.toml").write_text(
+        """
+[scene]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = "dragon_skin_20" }
+"""
+    )
+    said = told(["solve", tmp_path / "bad.toml"], capsys)
+    assert """is 'dragon_skin_20'; it must be a table, for instance { preset = "dragon_skin_20" }.""" in said
+
+
 # (section, text in it, what stands there instead, what is said)
 OWN_UNITS = [
     ("design", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high."),

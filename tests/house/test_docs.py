@@ -2,7 +2,9 @@
 
 import re
 import shlex
+import sys
 import tomllib
+import types
 
 import jax
 import pytest
@@ -13,6 +15,8 @@ from optim.design.settings import DesignTable
 from softgrip_jax.cad import ManufactureTable
 from softgrip_jax.commands.sensitivity import SensitivityTable
 from softgrip_jax.commands.sweep import SweepTable
+from softgrip_jax.config import read_module
+from softgrip_jax.materials import Material
 from softgrip_jax.pneunet.finger_scene import SNAPPING
 from softgrip_jax.reasons import RULE_NAMES
 
@@ -70,6 +74,25 @@ def test_the_guide_of_moulds_has_every_key_and_its_default():
     assert told.keys() == ManufactureTable.model_fields.keys()
     for key, field in ManufactureTable.model_fields.items():
         assert field.default in (None, told[key]), key
+
+
+OWN_MATERIAL = """
+from softgrip_jax.materials import NeoHookean
+
+class OwnRubber(NeoHookean):
+    pass
+
+PRESETS = {"my_silicone": lambda: OwnRubber(mu=136e3)}
+"""
+
+
+def test_a_config_takes_the_preset_of_a_material_of_ones_own(monkeypatch):
+    [line] = re.findall(r"`(material = .*?)`", text_of(ROOT / "docs/extending/material.md"))
+    own = types.ModuleType("own_material")
+    monkeypatch.setitem(sys.modules, own.__name__, own)
+    exec(OWN_MATERIAL, own.__dict__)
+    found = read_module((Material,), tomllib.loads(line)["material"], "[scene.shell.material]")
+    assert (type(found), found.mu) == (own.OwnRubber, 136e3)
 
 
 def test_the_grasping_page_has_every_rule():
