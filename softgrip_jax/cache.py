@@ -57,7 +57,7 @@ def enable_cache(folder: str | Path | None = None) -> Path:
 
     The first process pays for compiling as before; a later one that asks the same question of scenes of the same types
     and shapes only reads. It holds for everything that JAX compiles in this process, and for programs that take
-    LEAST_SECONDS or longer to compile. Nothing is ever removed from the folder; delete it whenever you like.
+    0.2 s or longer to compile. Nothing is ever removed from the folder; delete it whenever you like.
 
     Args:
         folder: where to keep programs; it need not exist. Without it, the one of JAX_COMPILATION_CACHE_DIR, else

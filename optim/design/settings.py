@@ -206,7 +206,11 @@ def _goals(scenes: Scenes, table: GoalTable, where: str) -> list[Goal]:
             raise ConfigError(f"{where}: a goal has {key} beside {kinds[0]}; {UNUSED[key]}; leave out {key}.")
     if table.follow is not None:
         return _followed(scenes, table, table.follow, where)
-    wanted, unit = quantity(scenes, getattr(table, kinds[0]), table.at, where)
+    key = getattr(table, kinds[0])
+    if (kinds[0] == "reach") != (table.target is not None):
+        needs = "takes no target; leave it out" if kinds[0] != "reach" else "needs a target"
+        raise ConfigError(f"{where}: the goal {kinds[0]} = {key!r} {needs}.")
+    wanted, unit = quantity(scenes, key, table.at, where)
     return [Goal(kinds[0], wanted, _times(table.target, unit), table.weight, _times(table.scale, unit))]
 
 
@@ -248,6 +252,12 @@ def _require_alone(table: DesignTable, where: str) -> None:
 def limits_of(scenes: Scenes, table: ConstraintTable | RequirementTable, where: str) -> Limits:
     """What a constraint or a requirement says."""
     wanted, unit = quantity(scenes, table.keep, table.at, where)
+    if table.low is None and table.high is None:
+        raise ConfigError(f"{where}: keep = {table.keep!r} has no bound; give low, high or both.")
+    if table.low is not None and table.high is not None and not table.low < table.high:
+        raise ConfigError(
+            f"{where}: keep = {table.keep!r} goes from {table.low:g} to {table.high:g}; low must be below high."
+        )
     return Limits(wanted, _times(table.low, unit), _times(table.high, unit), _times(table.scale, unit))
 
 

@@ -148,8 +148,8 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
     chosen = choose(given, settings.criterion, table.points, table.budget or np.inf)
     if not chosen:
         raise InputError(
-            "No measurement can be chosen: each costs more than the budget, tells nothing, or has no state for a tenth "
-            "of the draws."
+            "No measurement can be chosen: each costs more than the budget, tells nothing, or has no state for "
+            "more than a tenth of the draws."
         )
     spaced = {
         one.table.name: evenly(group, len(chosen))

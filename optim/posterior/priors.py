@@ -117,4 +117,7 @@ def require_proper(name: str, prior: Prior, low: float, high: float, unit: float
     if prior.distribution == "lognormal" and not (prior.centre > 0 and low > 0):
         raise InputError(f"The prior of {name} is lognormal; its median and its lower bound must be above zero.")
     if not low <= prior.centre <= high:
-        raise InputError(f"The prior of {name} is centred outside of its bounds; move its centre or widen them.")
+        raise InputError(
+            f"The prior of {name} is centred at {prior.centre / unit:g}, outside of its bounds, {low / unit:g} to "
+            f"{high / unit:g}; move its centre or widen them."
+        )

@@ -1,9 +1,11 @@
 """The section [manufacture] of a config: what the physics does not know, with defaults and rules.
 
-[manufacture]
-top_wall_mm = 2          # of a chamber; a tenth of the cover's width without it
-channel_mm = 2           # side of the square air channel from chamber to chamber
-bed_mm = [220, 220, 250] # of the printer
+    [manufacture]
+    top_wall_mm = 2          # of a chamber; a tenth of the cover's width without it
+    channel_mm = 2           # side of the square air channel from chamber to chamber
+    bed_mm = [220, 220, 250] # of the printer
+
+docs/guides/mould.md has every key.
 """
 
 from __future__ import annotations

@@ -53,11 +53,11 @@ def sweep(
 def summary(
     study: Annotated[str, typer.Argument(help="A folder of softgrip sweep, its store, or the address of one.")],
     best: Annotated[str | None, typer.Option(help="A column of study.csv: its least values are best.")] = None,
-    most: Annotated[bool, typer.Option("--most", help="The largest values are best.")] = False,
+    most: Annotated[bool, typer.Option("--most", help="With --best: the largest values are best.")] = False,
     where: Annotated[
         list[str] | None, typer.Option(help="What the best must keep: 'shell.a_mm < 16'; may be given several times.")
     ] = None,
-    count: Annotated[int, typer.Option(min=1, max=100_000, help="How many of the best.")] = 10,
+    count: Annotated[int | None, typer.Option(min=1, max=100_000, help="How many of the best; 10 by default.")] = None,
     plot: Annotated[Path | None, typer.Option(help="A picture of designs: .png, .pdf or .svg.")] = None,
     as_json: AsJson = False,
 ) -> None:

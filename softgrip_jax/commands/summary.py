@@ -22,6 +22,8 @@ from ..tables import Table
 from .files import PICTURES, check_file, plain, tell_file
 
 PARTS = {"least": 0.0, "5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75, "95 %": 0.95, "most": 1.0}
+BEST = 10
+"""Designs that are named as the best, where nothing is said."""
 LINES = 400
 """Designs in the picture."""
 
@@ -31,16 +33,18 @@ def run_summary(
     by: str | None,
     most: bool,
     where: Sequence[str],
-    count: int,
+    count: int | None,
     plot: Path | None,
     as_json: bool,
     console: Console,
 ) -> dict[str, Any]:
-    """Print what a study comes to; returns the same in SI."""
+    """Print what a study comes to; returns the same in SI. count: of the best designs, BEST by default."""
     if plot is not None:
         check_file(plot, "--plot", PICTURES)
-    if by is None and where:
-        raise ConfigError("--where is given without --best, which says what the best designs are chosen by.")
+    if by is None:
+        for option, given in (("--where", where), ("--most", most), ("--count", count)):
+            if given:
+                raise ConfigError(f"{option} is given without --best, which says what the best designs are chosen by.")
     with opened(place) as data:
         conditions = [condition(data, words) for words in where]
         name = None if by is None else known_key(data, by)[0]
@@ -48,7 +52,7 @@ def run_summary(
         tell_states(found["states"], console)
         found["quantities"] = tell_quantities(data, PARTS, console)
         if name is not None:
-            chosen, allowed = best(data, name, most, count, conditions)
+            chosen, allowed = best(data, name, most, count or BEST, conditions)
             found["best"] = _tell_best(data, rows_of(data, chosen), chosen, allowed, console)
         if plot is not None:
             draw(data, plot)

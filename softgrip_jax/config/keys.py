@@ -21,7 +21,7 @@ import numpy as np
 import pydantic
 
 from .. import config as configs
-from ..errors import ConfigError, located
+from ..errors import ConfigError, InputError, located
 from ..parameters import Parameter, Parameters, Scenes
 from ..quantities import (
     AT_REST,
@@ -170,15 +170,21 @@ def _scene_of(scenes: Scenes, key: str, where: str) -> tuple[str, str]:
 def state_of(scene: Scene, key: str, at: Any, where: str) -> State:
     """A state as a config gives it."""
     if at == REQUIRED:
-        with located(f"{where}: {key} at 'required'"):
+        try:
             scene.target()
+        except InputError:
+            raise ConfigError(
+                f"{where}: {key} is asked at 'required', and the scene requires nothing by itself, as a grasp does "
+                "whose object has a mass; at must be { pressure_kPa = 31 }, or one observable and its value."
+            ) from None
         return REQUIRED
     kinds = {name: kind for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"}
     keys = {unit_key(name, kind): (name, kind) for name, kind in (kinds | {"pressure": "pressure"}).items()}
     if not isinstance(at, dict) or len(at) != 1 or next(iter(at)) not in keys:
+        words = "without at" if at is None else f"at {at!r}"
         raise ConfigError(
-            f"{where}: {key} is asked at {at!r}; at must be 'required', {{ pressure_kPa = 31 }}, or one observable "
-            f"and its value ({', '.join(keys)})."
+            f"{where}: {key} is asked {words}; at must be 'required', {{ pressure_kPa = 31 }}, or one observable and "
+            f"its value ({', '.join(keys)})."
         )
     [(name, value)] = at.items()
     name, kind = keys[name]

@@ -117,7 +117,9 @@ def _rule(key: Key, module: Any) -> tuple[str, str] | None:
 def read_module(bases: tuple[type, ...], table: Any, where: str) -> Any:
     """The module that a table describes: an instance of one of `bases` or of a subclass."""
     if not isinstance(table, dict):
-        raise ConfigError(f"{where} is {shown(table)}; it must be a table.")
+        known = isinstance(table, str) and table in presets_of(bases)
+        hint = f', for instance {{ preset = "{table}" }}' if known else ""
+        raise ConfigError(f"{where} is {shown(table)}; it must be a table{hint}.")
     table = dict(table)
     classes = classes_of(bases)
     given: dict[str, Any] = {}
@@ -306,9 +308,9 @@ def _is_offered(cls: type) -> bool:
 
 
 def presets_of(bases: Iterable[type]) -> dict[str, Any]:
-    """Ready modules: the dictionary PRESETS of the file that defines a class, or of its folder."""
-    found: dict[str, Any] = {}
-    for cls in bases:
+    """Ready modules: the dictionary PRESETS of a file that defines such a class, or of its folder."""
+    bases, found = tuple(bases), {}
+    for cls in (*bases, *classes_of(bases).values()):
         for place in (cls.__module__, cls.__module__.rpartition(".")[0]):
             found |= getattr(sys.modules.get(place), "PRESETS", {})
     return found

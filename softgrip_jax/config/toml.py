@@ -173,7 +173,9 @@ def validated(model: type[pydantic.BaseModel], table: dict[str, Any], where: str
         if first["type"] == "missing":
             raise ConfigError(f"{where}: the key {key} is missing.") from None
         reason = first["msg"].removeprefix("Value error, ").removeprefix("Input ").rstrip(".")
-        if first["type"] in ("too_short", "too_long"):
+        if first["type"] == "model_type":
+            reason = "must be a table"
+        elif first["type"] in ("too_short", "too_long"):
             words, limit = ("at least", "min_length") if first["type"] == "too_short" else ("at most", "max_length")
             sizes = first.get("ctx", {})
             entries = "entry" if sizes.get(limit) == 1 else "entries"

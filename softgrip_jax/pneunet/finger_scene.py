@@ -726,8 +726,7 @@ def shooting_error(solution: Solution) -> Scalar:
 
     Returns:
         The largest change at the tip, dimensionless: of its place over L, its angle (rad) and, where it is held, its
-            force
-        over EI / L^2. NaN where there is no state.
+            force over EI / L^2. NaN where there is no state.
 
     Raises:
         InputError: for another scene, and for arcs in closed form (`Free` without loads).

@@ -31,8 +31,8 @@ class Free(FingerScene):
     """The finger bends in free space, under its weight and forces on its tip.
 
     M' = lambda (P sin theta - Q cos theta) with P, Q the external loads beyond a section; M and N give theta' and
-    lambda by the section law; M(L) = M_T of the chambers. Without weight and tip load every part bends to a circular
-    arc, in closed form; where the inclination couples each part is followed alone, up to its own limit.
+    lambda by the section law; M(L) = -M_T of the chambers. Without weight and tip load every part bends to a
+    circular arc, in closed form; where the inclination couples each part is followed alone, up to its own limit.
 
     Args:
         finger: the actuator.

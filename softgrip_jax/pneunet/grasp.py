@@ -89,8 +89,8 @@ class Grasp(FingerScene):
 
     Each tip pulls H_ext = m g / n and must press with F_ext: mu_f F_ext = m g / n on upright faces, more on faces that
     lean (`objects.OnSlope`). What touches is the end of the cover's face (gripper.touch = "face"), half a thickness H
-    from the end of its mid-line along the normal. With theta, x and y of the mid-line's end, and the base radius of the
-    faces,
+    from the end of its mid-line along the normal. With theta (minus tip_angle), x and y of the mid-line's end, and the
+    base radius of the faces,
 
         y = radius(z) - base_radius - H/2 (1 - cos(theta)),   z = stand_distance - (x + H/2 sin(theta))
 

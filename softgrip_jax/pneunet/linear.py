@@ -29,9 +29,9 @@ class Linear(CurveScene):
 
     Observables:
         - tip: (x, y) of the free finger, m, shape (2,).
-        - tip_angle: phi, rad.
-        - tip_force: of the blocked finger, N.
-        - end_moment: M_T, N m.
+        - tip_angle: phi, rad, positive in the bending direction.
+        - tip_force: of the blocked finger, N, positive when the tip pushes towards -y.
+        - end_moment: M_T, N m, positive in the bending direction.
 
     Raises:
         InputError: for a finger with segments.

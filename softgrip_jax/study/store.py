@@ -126,7 +126,8 @@ def run_in(
         place: a folder, which is made where it does not exist, or a store (see `load_study`).
         study: what to run.
         identity: what tells this study from others, the text of its config for instance: a store that was begun with
-            another one, by another version or on another kind of machine is refused.
+            another one or by another version is refused; without `spread` also one that is not finished and was begun
+            on another kind of machine.
         report: called with (designs done, designs that were found done) at the start and after every block.
         remark: called with a sentence where chunks that were found cannot be read, and are computed again.
         spread: what computes in place of this process: `softgrip_jax.study.cluster.client` gives one.
@@ -155,10 +156,14 @@ def run_in(
             _make(address, study, state | {"devices": [here] if spread is None else []})
         else:
             differing = [k for k, v in begun.items() if previous["begun"].get(k) != v]
-            if spread is None and here not in previous["devices"] and previous["devices"]:
-                differing.append("device")
-            if differing and not (previous["finished"] and differing == ["device"]):
+            if differing:
                 raise ConfigError(f"{place} holds another study (different: {', '.join(differing)}); give a new name.")
+            known = previous["devices"]
+            if spread is None and known and here not in known and not previous["finished"]:
+                raise ConfigError(
+                    f"{place} was begun on another kind of machine, {' and '.join(known)}, and this one is {here}; go "
+                    "on with it there, or give a new name."
+                )
         store = Store(address, study)
         lost, todo, skipped = store.missing() if previous is not None else ([], range(len(study.blocks)), 0)
         if lost:

@@ -486,12 +486,25 @@ def test_wrong_parts():
     assert "it must be a Scene" in rest[-1]
 
 
+def test_a_preset_without_its_table_is_told_how_to_write_it(tmp_path, capsys):
+    (tmp_path / "bad.toml").write_text(
+        """
+[scene]
+type = "shell.Free"
+shell = { a_mm = 16, b_mm = 43, t_m_mm = 1.1, material = "dragon_skin_20" }
+"""
+    )
+    said = told(["solve", tmp_path / "bad.toml"], capsys)
+    assert """is 'dragon_skin_20'; it must be a table, for instance { preset = "dragon_skin_20" }.""" in said
+
+
 # (section, text in it, what stands there instead, what is said)
 OWN_UNITS = [
     ("design", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high."),
     ("design", "low = 1", "low = 0", "low of shell.t_m_mm is 0; it must be a positive finite number in mm."),
     ("design", 'name = "shell.t_m_mm"\nlow = 1', 'name = "weight_N_per_m"\nlow = 1', "there is no number"),
     ("design", "minimise", "minimse", "there is no key goals.1.minimse; did you mean minimise?"),
+    ("design", "[design]", "[design]\nuncertain = 3", "[design]: uncertain is 3; it must be a table."),
     ("design", "high = 2", "higth = 2", "there is no key variables.1.higth; did you mean high?"),
     ("sweep", "low = 1", "low = 3", "shell.t_m_mm goes from 3 to 2; low must be below high"),
 ]

@@ -2,7 +2,9 @@
 
 import re
 import shlex
+import sys
 import tomllib
+import types
 
 import jax
 import pytest
@@ -13,6 +15,10 @@ from optim.design.settings import DesignTable
 from softgrip_jax.cad import ManufactureTable
 from softgrip_jax.commands.sensitivity import SensitivityTable
 from softgrip_jax.commands.sweep import SweepTable
+from softgrip_jax.config import read_module
+from softgrip_jax.materials import Material
+from softgrip_jax.pneunet.finger_scene import SNAPPING
+from softgrip_jax.reasons import RULE_NAMES
 
 TABLES = {"design": DesignTable, "sweep": SweepTable, "sensitivity": SensitivityTable, "calibrate": CalibrateTable}
 TABLES |= {"manufacture": ManufactureTable}
@@ -60,6 +66,43 @@ def test_what_the_page_names_exists(page):
     for block in TOML.findall(text):
         for name, table in tomllib.loads(block).items():
             TABLES[name].model_validate(table)
+
+
+def test_the_guide_of_moulds_has_every_key_and_its_default():
+    [block] = [found for found in TOML.findall(text_of(ROOT / "docs/guides/mould.md")) if "[manufacture]" in found]
+    told = tomllib.loads(block)["manufacture"]
+    assert told.keys() == ManufactureTable.model_fields.keys()
+    for key, field in ManufactureTable.model_fields.items():
+        assert field.default in (None, told[key]), key
+
+
+OWN_MATERIAL = """
+from softgrip_jax.materials import NeoHookean
+
+class OwnRubber(NeoHookean):
+    pass
+
+PRESETS = {"my_silicone": lambda: OwnRubber(mu=136e3)}
+"""
+
+
+def test_a_config_takes_the_preset_of_a_material_of_ones_own(monkeypatch):
+    [line] = re.findall(r"`(material = .*?)`", text_of(ROOT / "docs/extending/material.md"))
+    own = types.ModuleType("own_material")
+    monkeypatch.setitem(sys.modules, own.__name__, own)
+    exec(OWN_MATERIAL, own.__dict__)
+    found = read_module((Material,), tomllib.loads(line)["material"], "[scene.shell.material]")
+    assert (type(found), found.mu) == (own.OwnRubber, 136e3)
+
+
+def test_the_grasping_page_has_every_rule():
+    text = text_of(ROOT / "docs/theory/grasping.md")
+    assert [rule for rule in RULE_NAMES if f"`{rule}`" not in text] == []
+
+
+def test_corrections_of_held_fingers_are_as_short_as_the_theory_says():
+    assert "than a two-thousandth" in " ".join(text_of(ROOT / "docs/theory/numerics.md").split())
+    assert SNAPPING == 1 / 2000
 
 
 SHELL = re.compile(r"^    (?:\.venv/bin/)?softgrip (.*?)(?: *#.*| > .*)?$", re.MULTILINE)

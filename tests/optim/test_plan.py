@@ -210,6 +210,13 @@ def test_a_pressure_that_scatters_is_asked_for(tmp_path):
         decided(read, read.decision, np.array([[100.0]]), lambda *_: None)
 
 
+def test_a_requirement_without_a_bound_is_told_with_its_place(tmp_path):
+    asked = "yield = 0.9\nnumbers = [{ name = 'shell.t_m_mm', relative = 0.05 }]\n[[plan.decision.requirements]]\n"
+    (tmp_path / "plan.toml").write_text(f"{ENDLESS}{asked}keep = 'limit_pressure_kPa'")
+    with pytest.raises(sg.errors.ConfigError, match=r"\[plan\], decision: keep = 'limit_pressure_kPa' has no bound"):
+        settings.read(configs.load(tmp_path / "plan.toml"))
+
+
 @pytest.mark.parametrize(("low", "high", "kept"), [(5.5, np.inf, True), (-np.inf, 5.5, False)])
 def test_draws_without_an_end_keep_lower_bounds_alone(low, high, kept):
     """Every fourth draw; the mean and the deviation are those of the others."""

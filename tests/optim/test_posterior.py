@@ -401,7 +401,7 @@ MU_KEY = '"shell.material.mu_kPa"'
         (f"{MU_KEY} = {{ median = 170, spread = 0 }}", "is improper: its spread is 0; it must be a positive number"),
         (f"{MU_KEY} = {{ mean = 170, deviation = -3 }}", "is improper: its deviation is -3; it must be a positive"),
         (f'{MU_KEY} = {{ distribution = "flat" }}', "is 'flat', which is no proper prior here; it must be one of"),
-        (f"{MU_KEY} = {{ median = 5, spread = 0.1 }}", "is centred outside of its bounds"),
+        (f"{MU_KEY} = {{ median = 5, spread = 0.1 }}", "is centred at 5, outside of its bounds, "),
         (f"{MU_KEY} = {{ median = 170 }}", "must have median and spread"),
         (f"{MU_KEY} = {{ }}", "it has nothing"),
         ('"shell.t_m_mm" = { mean = 1, deviation = 0.1 }', "is not among the parameters; it must be one of"),

@@ -219,18 +219,19 @@ def test_ctrl_c_while_the_folder_is_written_waits(finished, monkeypatch, tmp_pat
         ("low = 8 ", "lo = 8 ", "there is no key|is missing"),
         ('minimise = "pressure_kPa"', 'minimise = "pressure"', "there is no quantity 'pressure'"),
         ('minimise = "pressure_kPa"', "", "a goal has 0 of minimise, maximise, reach and follow"),
-        ('minimise = "pressure_kPa"', 'reach = "pressure_kPa"', "'reach' needs a target"),
+        ('minimise = "pressure_kPa"', 'reach = "pressure_kPa"', "the goal reach = 'pressure_kPa' needs a target"),
         ('at = "required"    #', 'at = "soon"    #', "at must be 'required'"),
         (
             'at = "required"    #',
             "at = { force_N = inf }    #",
             r"goals\.1\.at\.force_N is inf; it should be a finite number",
         ),
-        ("low = 1.25", "", "has no bound"),
+        ("low = 1.25", "", "keep = 'limit_margin' has no bound"),
+        ("low = 1.25", "low = 2\nhigh = 1", "keep = 'limit_margin' goes from 2 to 1; low must be below high"),
         ("starts = 32", "starts = 0", "greater than or equal to 1"),
         ("starts = 32", "start = 256", "did you mean starts"),
         ('optimiser = "adam"', 'optimiser = "adma"', "adam"),
-        ("mass_g = 563", "mass_g = 0", "needs Grasp.mass > 0"),
+        ("mass_g = 563", "mass_g = 0", "pressure_kPa is asked at 'required', and the scene requires nothing by itself"),
     ],
 )
 def test_mistakes_are_one_sentence(old, new, sentence, tmp_path):

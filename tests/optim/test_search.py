@@ -622,7 +622,7 @@ FOLLOW = f"follow = [[0, 0], [5, -1], [9, -3]]\n{AT}"
         (f"{FOLLOW}\nscale = 1", "a goal has scale beside follow; the length of the curve is the scale; leave out"),
         (f'minimise = "stretch"\n{AT}\nscene = "scene"', "a goal has scene beside minimise; of several scenes the key"),
         (f'reach = "stretch"\n{AT}\ntarget = 1.2\nscene = "x"', "a goal has scene beside reach"),
-        (f'minimise = "stretch"\n{AT}\ntarget = 1', "'minimise' takes no target; leave it out"),
+        (f'minimise = "stretch"\n{AT}\ntarget = 1', "the goal minimise = 'stretch' takes no target; leave it out"),
     ],
 )
 def test_goals_that_cannot_be_meant_are_one_sentence(goal, sentence, tmp_path):

@@ -272,6 +272,17 @@ def test_a_killed_study_goes_on_and_equals_one_that_was_not(config, tmp_path, mo
     assert "holds another study (different: config)" in capsys.readouterr().err
 
 
+def test_a_study_that_was_begun_on_another_kind_of_machine_is_told_as_that(tmp_path, monkeypatch):
+    walls = Grid([np.array([1.0, 1.1]) * mm])
+    study = sg.Study(sg.shell.Free(shell()), ["shell.t_m"], [sg.Quantity("inflation", at=12 * kPa)], walls)
+    run_in(tmp_path / "walls", study, "two walls")
+    monkeypatch.setattr(store, "device", lambda: "another")
+    run_in(tmp_path / "walls", study, "two walls")  # nothing is left to compute
+    store.Store(str(tmp_path / "walls" / STORE), study).mark({"finished": False})
+    with pytest.raises(ConfigError, match=r"begun on another kind of machine, \w+ \w+, and this one is another"):
+        run_in(tmp_path / "walls", study, "two walls")
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
     """A study of six blocks, and where it is."""
@@ -514,6 +525,8 @@ def test_the_best_keep_the_conditions(finished, capsys, tmp_path):
         ),
         (["--best", "force_at_12_kPa_N", "--where", "shell.a_mm >= nan"], "'nan' is not a finite number;"),
         (["--where", "shell.a_mm < 3"], "--where is given without --best"),
+        (["--most"], "--most is given without --best"),
+        (["--count", "3"], "--count is given without --best"),
     ],
 )
 def test_mistakes_about_a_summary_are_one_sentence(finished, capsys, words, sentence):
@@ -776,7 +789,7 @@ def test_a_table_of_designs_has_units_in_its_columns(config, tmp_path, capsys):
         ('"shell.a_mm"', '"shell.a"', "did you mean shell.a_mm"),
         ('"distance_mm"', '"shell.a_mm"', "is given twice"),
         ('"force_N"', '"force"', "there is no quantity 'force'"),
-        ("at = { pressure_kPa = [10, 20] }", "", "force_N is asked at None"),
+        ("at = { pressure_kPa = [10, 20] }", "", "force_N is asked without at; at must be"),
         ("[sweep]", "[sweeep]", "did you mean sweep"),
     ],
 )

@@ -51,7 +51,7 @@ class Cell(CurveScene):
     Raises:
         InputError: where a field breaks its rule (outside of jit).
 
-    Source: own; docs/theory/cell.md. Four geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
+    Source: own; docs/theory/cell.md. Five geometries in the range of `law.CHECKED` that no fit has seen are within 6 %
     of finite elements' blocked moment from 5 to 31 kPa; it is worse where rims are about to meet. BEYOND_LIMIT above p
     = 0.24 mu, from where the cover's mid-height is stretched by less than 0.7 or more than 2, and at all pressures
     where the cell is bent as none that the law was fitted to: kappa above 2.6 / B, or backwards beyond 2.5 times the
