@@ -12,6 +12,7 @@ import pytest
 import softgrip_jax as sg
 from softgrip_jax.geometry.finger import chamber_places
 from softgrip_jax.geometry.mesh import _add_obstacle, _Build
+from softgrip_jax.geometry.walls import free_outline, straight_outline
 from softgrip_jax.shell import obstacles
 from softgrip_jax.units import kPa, mm
 
@@ -67,6 +68,19 @@ def test_the_cover_keeps_its_volume(bent):
 def test_pressure_inflates_the_chambers(bent):
     low = sg.solve(bent.scene, 1 * kPa).mesh()
     assert bent.mesh().volume("chamber 0.3") > 1.05 * low.volume("chamber 0.3")
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.2])
+def test_a_wall_that_touches_nothing_is_a_circular_arc_between_its_edges(lean):
+    """Chord 2a, angle phi at its edges: radius a / sin(phi), height a tan(phi / 2), towards the clamp."""
+    a, near, angle = 5 * mm, 2 * mm, 0.7
+    points = free_outline(a, near, lean, angle)
+    along, across = np.array([np.sin(lean), np.cos(lean)]), np.array([-np.cos(lean), np.sin(lean)])
+    np.testing.assert_allclose(points[[0, -1]], near * np.array([1, 0]) + np.outer([0, 2 * a], along), atol=1e-12)
+    centre = near * np.array([1, 0]) + a * along - a / np.tan(angle) * across
+    np.testing.assert_allclose(np.hypot(*(points - centre).T), a / np.sin(angle), rtol=1e-12)
+    assert np.max((points - points[0]) @ across) == pytest.approx(a * np.tan(angle / 2), rel=1e-3)
+    np.testing.assert_allclose(free_outline(a, near, lean, 0.0), straight_outline(a, near, lean), atol=1e-15)
 
 
 def test_the_membrane_lies_on_the_plane(pressed):
