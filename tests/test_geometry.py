@@ -12,7 +12,7 @@ import pytest
 import softgrip_jax as sg
 from softgrip_jax.geometry.finger import chamber_places
 from softgrip_jax.geometry.mesh import _add_obstacle, _Build
-from softgrip_jax.geometry.walls import free_outline, straight_outline
+from softgrip_jax.geometry.walls import free_outline, small_strain_outline, straight_outline
 from softgrip_jax.shell import obstacles
 from softgrip_jax.units import kPa, mm
 
@@ -81,6 +81,10 @@ def test_a_wall_that_touches_nothing_is_a_circular_arc_between_its_edges(lean):
     np.testing.assert_allclose(np.hypot(*(points - centre).T), a / np.sin(angle), rtol=1e-12)
     assert np.max((points - points[0]) @ across) == pytest.approx(a * np.tan(angle / 2), rel=1e-3)
     np.testing.assert_allclose(free_outline(a, near, lean, 0.0), straight_outline(a, near, lean), atol=1e-15)
+    # By the small-strain model the arc is as high as its inflation, and ends at the plane.
+    free, pressed = (small_strain_outline(a, near, inflation, 0.0)[:, 0] for inflation in (1.5 * mm, 2.5 * mm))
+    assert np.min(free) == pytest.approx(0.5 * mm, rel=1e-2)
+    assert np.count_nonzero(pressed == 0) > 10
 
 
 def test_the_membrane_lies_on_the_plane(pressed):

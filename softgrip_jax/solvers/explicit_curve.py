@@ -21,7 +21,7 @@ from ..numerics.curves import (
 from ..numerics.implicit import implicit
 from ..numerics.xla import materialised
 from ..reasons import Reason
-from ..results import Status, stop_gradient_where_failed
+from ..results import Status, is_zero_apart, stop_gradient_where_failed
 from ..scene import FALLEN, WITHOUT_LIMIT, BranchSolver, Found, frozen
 
 Scalar = Float[Array, ""]
@@ -172,7 +172,9 @@ class ExplicitCurve(BranchSolver):
         known = jnp.isfinite(value)
         ends = jnp.where(curve.touches, fixed.load(stop), curve.free_limit)
         reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), Reason.VALUE_NOT_REACHED, Reason.NONE)
-        passed = possible & known & before & ~reached & (not scene.CONTACT)
+        passed = possible & known & before & ~reached
+        if scene.CONTACT:  # below it forces are zero, and the free membrane has a stretch of its own
+            passed &= curve.touches & ~at_start & is_zero_apart(name, scene.OBSERVABLES[name])
         reason = jnp.where(passed, Reason.VALUE_PASSED, reason)
         reason = jnp.where(known, reason, Reason.PRESSURE_RULE)
         is_beyond = possible & known & (status == Status.BEYOND_LIMIT) & jnp.isfinite(ends)

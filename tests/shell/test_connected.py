@@ -245,6 +245,17 @@ def test_pressure_for_finds_every_force_that_solve_reports(make):
     np.testing.assert_allclose(np.asarray(every[3]), 1, rtol=1e-12)
 
 
+def test_no_pressure_gives_a_force_below_zero():
+    """Of a stretch below that of first contact only the contact says nothing: the free membrane has it."""
+    scene = sg.shell.FlatContact(shell(), distance=5 * mm)
+    forces = [sg.pressure_for(scene, force=force) for force in (-1.0, 0.0)]
+    found = [*forces, sg.pressure_for(scene, stretch=1.01)]
+    assert [sg.Status(int(one.status)) for one in found] == [NO_CONTACT] * 3
+    assert [sg.Reason(int(one.reason)).name for one in found] == ["VALUE_PASSED", "NOTHING_TOUCHED", "NOTHING_TOUCHED"]
+    for one in found:
+        assert float(one.pressure) == pytest.approx(float(sg.contact_pressure(scene)), rel=1e-9)
+
+
 def test_no_limit_means_that_any_pressure_is_held():
     """Ogden's alpha above 3: the pressure of a free membrane rises for ever, but slowly."""
     made = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.Ogden(mu=[1e5, -1e4], alpha=[3.1, -2.0]))

@@ -597,11 +597,12 @@ def test_a_value_is_found_on_either_side_of_the_middle():
 def test_what_the_free_membrane_never_reaches_is_never_touched():
     far = locking(1e6)
     assert np.isinf(float(sg.contact_pressure(far)))
-    pressed = sg.pressure_for(far, force=2.0)
-    assert (Status(int(pressed.status)), sg.Reason(int(pressed.reason))) == (
-        Status.BEYOND_LIMIT,
-        sg.Reason.VALUE_NOT_REACHED,
-    )
+    pressed, pulled = jax.jit(jax.vmap(lambda force: sg.pressure_for(far, force=force)))(jnp.array([2.0, -1.0]))
+    for found, status, reason in (
+        (pressed, Status.BEYOND_LIMIT, sg.Reason.VALUE_NOT_REACHED),
+        (pulled, Status.NO_CONTACT, sg.Reason.VALUE_PASSED),
+    ):
+        assert (Status(int(found.status)), sg.Reason(int(found.reason))) == (status, reason)
     assert float(pressed.detail) == pytest.approx(float(sg.limit_pressure(far.without_body())), rel=1e-4)
 
 
