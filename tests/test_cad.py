@@ -141,7 +141,9 @@ def test_a_base_has_holes_for_all_fingers(n):
     base = cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=n, base_radius=30 * mm), TABLE)
     (solid,) = solids.solids_of(base.solid)
     assert solid.is_valid
-    assert len(solid.edges().filter_by(lambda edge: edge.is_closed)) == 2 * (1 + 5 * n)
+    rings = solid.edges().filter_by(lambda edge: edge.is_closed)
+    assert len(rings) == 2 * (1 + 5 * n)
+    assert {round(ring.center().Z, 9) for ring in rings} == {0.0, TABLE.floor_mm}  # every hole goes through
     assert solid.volume == pytest.approx(base.volume, rel=1e-9)
     with pytest.raises(InputError, match="the clamps of 4 fingers would overlap"):
         cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm), TABLE)
