@@ -70,6 +70,13 @@ def test_pressure_inflates_the_chambers(bent):
     assert bent.mesh().volume("chamber 0.3") > 1.05 * low.volume("chamber 0.3")
 
 
+def test_walls_that_leave_no_room_in_a_chamber_are_known():
+    finger = sg.PneuNet.table_5_1("A")
+    tight = dataclasses.replace(finger, t_m=0.55 * finger.h_L)
+    assert all(place.fits for place in chamber_places(finger))
+    assert not any(place.fits for place in chamber_places(tight))
+
+
 @pytest.mark.parametrize("lean", [0.0, 0.2])
 def test_a_wall_that_touches_nothing_is_a_circular_arc_between_its_edges(lean):
     """Chord 2a, angle phi at its edges: radius a / sin(phi), height a tan(phi / 2), towards the clamp."""
