@@ -18,12 +18,14 @@ from scipy.optimize import differential_evolution
 import softgrip_jax as sg
 from optim.design import settings
 from optim.design.descent import FEASIBLE, SearchResult, search
+from optim.design.front_run import errors_of_shells
 from optim.design.run import _batch, _near_limits, _of_materials
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.commands import programs
 from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.model_error import model_error
 from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
@@ -131,6 +133,13 @@ def test_the_report_tells_where_the_best_design_is_stretched_too_far():
     (words,) = _of_materials(found)
     assert words.startswith("Design 1, 19 kPa: stretch 1.74 is more than the 1.5 or so")
     assert _of_materials(Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [far, near]})) == []
+
+
+def test_the_error_of_a_force_is_told_where_its_pressure_is_sought():
+    rod = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
+    space = Space({"rod": rod}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    problem = Problem(space, [Goal("minimise", Quantity("pressure", ("force", 12.0)))])
+    assert errors_of_shells(problem, space.reference) == [f"force: {model_error(rod, 'force')}."]
 
 
 def test_limits_that_contradict_each_other_are_refused():
