@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from softgrip_jax.equations import PathEquations
+from softgrip_jax.equations import CurveEquations, PathEquations
 from softgrip_jax.numerics.nearby import Known, KnownFold, fold_nearby, known_fold, known_root
 from softgrip_jax.quantities import REQUIRED, State
 from softgrip_jax.reasons import Reason
@@ -31,6 +31,12 @@ PRESSURE = 10 * kPa
 def can_begin_nearby(scene: Scene) -> bool:
     """Whether a scene has equations of several unknowns, of which a state nearby is worth something."""
     return isinstance(scene, PathEquations)
+
+
+def begins_by_formula(scene: Scene) -> bool:
+    """Whether the pressure at which contact begins is the load where an interval begins; elsewhere a path is followed
+    to it, by a program that takes a minute to compile."""
+    return isinstance(scene.prepared(), CurveEquations)
 
 
 def snaps(scene: Any) -> bool:

@@ -45,6 +45,7 @@ from softgrip_jax.units import DISPLAY
 from .laws import differing_laws, require_one_law
 from .nearby import (
     PRESSURE,
+    begins_by_formula,
     can_begin_nearby,
     is_covered,
     is_sought,
@@ -64,7 +65,7 @@ Scalar = Float[Array, ""]
 
 NEAR_LIMIT = 0.95
 """Where a task is out of reach, what the scene can do is judged at this part of its limit pressure: at the limit itself
-the derivatives are infinite. It also makes the shortfall jump above zero, so that it pushes up to the last step."""
+the derivatives are infinite. It also makes shortfalls jump above zero, so that they push up to the last step."""
 
 
 AMERICAN = {"minimize": "minimise", "maximize": "maximise"}
@@ -373,13 +374,15 @@ class Problem:
         scenes = self._bare(t)
         asked_for = [name for name, at in self.measured.states if at != AT_REST]
         limits = {name: sg.limit_pressure(scenes[name]) for name in dict.fromkeys(asked_for)}
+        given = [name for name, at in self.solved_states if not is_sought(at) and begins_by_formula(scenes[name])]
+        contacts = {name: sg.contact_pressure(scenes[name]) for name in dict.fromkeys(given)}
         solutions = self._solutions(scenes, t)
         found = self.measured.measure(scenes, limits, solutions)
         shortfalls = [
-            _shortfall(scenes[name], self._asked_at(at, t), status, limits.get(name))
+            _shortfall(scenes[name], self._asked_at(at, t), status, limits.get(name), contacts.get(name))
             for (name, at), status in zip(self.measured.states, found.statuses, strict=True)
         ]
-        # A scene that cannot exist at all, or touches nothing, has no limit pressure to climb by.
+        # A scene that cannot exist at all, or can never touch anything, has no pressure to go by.
         home = jnp.asarray(self.home()) if home is None else home
         judged = self._judged(found, jnp.stack(shortfalls), _from_home(t, home), solutions)
         margins = [
@@ -796,10 +799,14 @@ def _from_home(t: Float[Array, " n"], home: Float[Array, " n"]) -> Scalar:
     return 1 + jnp.mean((t - home) ** 2)
 
 
-def _shortfall(scene: Scene, at: State | Scalar, status: Array, limit: Scalar | None) -> Scalar:
-    """How far a state is beyond the limit of its scene, a pure number; NaN where the limit says nothing about it.
+def _shortfall(
+    scene: Scene, at: State | Scalar, status: Array, limit: Scalar | None, contact: Scalar | None = None
+) -> Scalar:
+    """How far a state is beyond the limit of its scene or below its contact, a pure number; NaN where neither says
+    anything about it.
 
-    At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by.
+    At a pressure p: 1 / NEAR_LIMIT - limit / p, the part of the pressure that the limit pressure must still rise by, or
+    contact / p - NEAR_LIMIT, the part of it that the pressure at which contact begins must still fall by.
     For a task: 1 - y / target, with y what the scene reaches at NEAR_LIMIT times its limit pressure.
     """
     if limit is None or at is None or (isinstance(at, str) and at == AT_REST):
@@ -807,7 +814,11 @@ def _shortfall(scene: Scene, at: State | Scalar, status: Array, limit: Scalar | 
     beyond = (status == Status.BEYOND_LIMIT) & jnp.isfinite(limit)
     safe = jnp.where(beyond, limit, 1.0)
     if not isinstance(at, tuple | str):
-        return jnp.where(beyond, 1 / NEAR_LIMIT - safe / at, jnp.nan)
+        short = jnp.where(beyond, 1 / NEAR_LIMIT - safe / at, jnp.nan)
+        if contact is None:
+            return short
+        below = (status == Status.NO_CONTACT) & jnp.isfinite(contact) & (at > 0)
+        return jnp.where(below, jnp.where(below, contact, 1.0) / jnp.where(below, at, 1.0) - NEAR_LIMIT, short)
     name, target = at if isinstance(at, tuple) else scene.target()
     # Lanes that are not in need solve at no pressure, which costs nothing and passes no gradient.
     near = sg.solve(scene, jnp.where(beyond, NEAR_LIMIT * safe, 0.0))

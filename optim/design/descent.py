@@ -573,7 +573,8 @@ class SearchResult:
         paths: the objective of every start at every step, dimensionless, shape (steps, starts); NaN where it is not
             (nearly) feasible.
         descended: the objective of the best feasible design before the finish, dimensionless.
-        reached: how many starts ended within REGION of each of the designs; one that was left to another ends with it.
+        reached: how many starts ended within REGION of each of the designs, each start at the nearest one; one that was
+            left to another ends with it.
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: limits that hold for every state (`Problem.always_kept`), what scales the goals where the starting
@@ -744,8 +745,10 @@ def search(
 
 
 def _reached(ends: np.ndarray, designs: np.ndarray) -> tuple[int, ...]:
-    """How many ends of descents are within REGION of each design."""
-    return tuple(int(np.sum(np.max(np.abs(ends - t), axis=1, initial=0.0) <= REGION)) for t in designs)
+    """How many ends of descents are within REGION of each design and nearer to it than to any other."""
+    away = np.max(np.abs(ends[:, None] - designs), axis=2, initial=0.0)
+    nearest = np.where(np.min(away, axis=1) <= REGION, np.argmin(away, axis=1), -1)
+    return tuple(int(np.sum(nearest == k)) for k in range(len(designs)))
 
 
 def _without_answer(statuses: Any) -> str:

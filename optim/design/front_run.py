@@ -150,11 +150,13 @@ def _number(value: float, kind: str) -> str:
 
 
 def errors_of_shells(problem: Problem, x: Any) -> list[str]:
-    """How far the models of a design's shells are from finite elements, in what is asked of them."""
+    """How far the models of a design's shells are from finite elements, in what is asked of them and in what a sought
+    pressure gives."""
     sentences = []
     for name, scene in problem.scenes_at(x).items():
         asked = [q for q in problem.quantities if q.scene == name and q.along is None]
-        names = dict.fromkeys(q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED)
+        names = [q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED]
+        names += [q.at[0] for q in asked if isinstance(q.at, tuple)]
         scene_is = f"{name}: " if len(problem.space.scenes) > 1 else ""
-        sentences += [f"{scene_is}{sentence}" for sentence in of_shell(scene, names)]
+        sentences += [f"{scene_is}{sentence}" for sentence in of_shell(scene, dict.fromkeys(names))]
     return sentences

@@ -240,8 +240,8 @@ def convergence(
 ) -> Figure:
     """How a search went, step by step.
 
-    Above, the best objective so far and once finished; below, how many designs have an equilibrium, are feasible, still
-    move.
+    Above, the best objective so far and once finished; below, how many designs have an equilibrium, have been feasible,
+    still move.
 
     Args:
         history: best_objective, with_equilibrium, feasible and moving, each of shape (steps,), dimensionless.
@@ -278,7 +278,7 @@ def convergence(
         above.set_ylabel("\n".join(fill(line, BESIDE) for line in label.splitlines()))
         above.set_title(fill(title, ABOVE), loc="left", fontweight="bold")
         colours = {"with_equilibrium": BLUE, "feasible": GREEN, "moving": VERMILION}
-        words = {"with_equilibrium": "solved", "feasible": "feasible", "moving": "moving"}
+        words = {"with_equilibrium": "solved", "feasible": "feasible so far", "moving": "moving"}
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}
         for name, colour in colours.items():
             below.plot(steps, history[name], color=colour, linestyle=styles[name], label=words[name], marker=marker)

@@ -123,6 +123,22 @@ def test_the_impossible_is_led_back_to_the_start(problem, measured):
     assert float(towards @ np.asarray(slopes.shortfall[first[3]])) < 0
 
 
+def test_what_touches_nothing_falls_short_by_the_contact_pressure():
+    def scene_of(t):
+        membrane = eqx.tree_at(lambda s: s.a, shell(), jnp.asarray(8 * mm + 16 * mm * t))
+        return sg.shell.FlatContact(membrane, distance=5 * mm)
+
+    scene, pressure = scene_of(0.5), 500.0
+    space = Space({"plane": scene}, [Variable("shell.a", 8 * mm, 24 * mm)])
+    far = Problem(space, [Goal("maximise", Quantity("force", pressure))])
+    for start in (0.5, 0.9):  # not towards the start, which touches nothing itself
+        found, slopes = far.measured_with_slopes(jnp.array([[0.6]]), jnp.array([start]))
+        assert [Status(int(s)) for s in found.statuses[:, 0]] == [Status.NO_CONTACT]
+        short, lower, upper = (float(sg.contact_pressure(scene_of(t))) / pressure for t in (0.6, 0.5999, 0.6001))
+        np.testing.assert_allclose(found.shortfall[0], short - NEAR_LIMIT, rtol=1e-9)
+        np.testing.assert_allclose(slopes.shortfall[0, 0], (upper - lower) / 2e-4, rtol=1e-5)
+
+
 def test_a_search_says_the_same_from_the_limits_alone(problem, measured, monkeypatch):
     """Where a design nearby leads to no state, each state that is missing is asked by itself, by a smaller program."""
     found, slopes, _, _, first = measured

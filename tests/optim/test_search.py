@@ -18,12 +18,14 @@ from scipy.optimize import differential_evolution
 import softgrip_jax as sg
 from optim.design import settings
 from optim.design.descent import FEASIBLE, SearchResult, search
+from optim.design.front_run import errors_of_shells
 from optim.design.run import _batch, _near_limits, _of_materials
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
 from softgrip_jax.commands import programs
 from softgrip_jax.errors import ConfigError, InputError
+from softgrip_jax.model_error import model_error
 from softgrip_jax.quantities import QuantitySet
 from softgrip_jax.results import Status
 from softgrip_jax.units import gram, kPa, mm
@@ -131,6 +133,13 @@ def test_the_report_tells_where_the_best_design_is_stretched_too_far():
     (words,) = _of_materials(found)
     assert words.startswith("Design 1, 19 kPa: stretch 1.74 is more than the 1.5 or so")
     assert _of_materials(Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [far, near]})) == []
+
+
+def test_the_error_of_a_force_is_told_where_its_pressure_is_sought():
+    rod = sg.shell.CylinderContact(shell(), radius=20 * mm, gap=5 * mm)
+    space = Space({"rod": rod}, [Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    problem = Problem(space, [Goal("minimise", Quantity("pressure", ("force", 12.0)))])
+    assert errors_of_shells(problem, space.reference) == [f"force: {model_error(rod, 'force')}."]
 
 
 def test_limits_that_contradict_each_other_are_refused():
@@ -339,6 +348,14 @@ def test_a_step_that_is_stopped_between_its_records_leaves_none(monkeypatch):
     assert len(found.paths) == len(found.history["moving"]) == searching.PERIOD - 1
 
 
+def test_every_start_is_told_of_one_design():
+    """Designs may be nearer to each other than starts that are counted as near."""
+    designs = np.array([[0.50, 0.5], [0.52, 0.5], [0.9, 0.9]])
+    ends = np.array([[0.50, 0.5], [0.505, 0.5], [0.53, 0.51], [0.57, 0.5], [0.9, 0.88], [0.1, 0.1]])
+    assert searching._reached(ends, designs) == (2, 2, 1)
+    assert searching._reached(np.zeros((3, 0)), np.zeros((1, 0))) == (3,), "variables that nothing depends on"
+
+
 def test_the_same_seed_gives_the_same_answer():
     problem = rosen_suzuki()
     one, two = (search(problem, starts=8, steps=20, seed=5) for _ in range(2))
@@ -524,6 +541,18 @@ def test_designs_without_equilibrium_climb_back(found):
     with_equilibrium = found.history["with_equilibrium"]
     assert with_equilibrium[0] < 12
     assert with_equilibrium[-1] == 16
+
+
+def test_designs_that_touch_nothing_climb_to_contact():
+    """At 500 Pa a membrane touches the plane in a corner of the box alone, where no start is."""
+    plane = sg.shell.FlatContact(shell(), distance=5 * mm)
+    space = Space({"plane": plane}, [Variable("shell.a", 8 * mm, 24 * mm), Variable("shell.t_m", 0.8 * mm, 2 * mm)])
+    found = search(Problem(space, [Goal("maximise", Quantity("force", 500.0))]), starts=4, steps=30, finishes=1)
+    assert found.history["with_equilibrium"][0] == 0
+    np.testing.assert_allclose(found.best.x, [24 * mm, 0.8 * mm], rtol=1e-9)
+    best = sg.solve(space.scenes_at(jnp.asarray(found.best.x))["plane"], 500.0)
+    assert best.status == Status.OK
+    np.testing.assert_allclose(found.best.values[0], best.force, rtol=1e-9)
 
 
 def test_what_ends_on_a_limit_point_says_so_and_a_margin_below_one_is_no_bound():

@@ -532,6 +532,7 @@ def test_convergence_shows_the_history():
     drawn = {line.get_label(): line.get_ydata() for line in below.lines}
     np.testing.assert_array_equal(drawn["moving"], history["moving"])
     np.testing.assert_array_equal(drawn["solved"], history["with_equilibrium"])
+    np.testing.assert_array_equal(drawn["feasible so far"], history["feasible"])
 
     # What came of one step only is seen, and where it was finished.
     one = {name: values[2:] for name, values in history.items()}
