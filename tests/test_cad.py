@@ -145,7 +145,7 @@ def test_a_base_has_holes_for_all_fingers(n):
     assert len(rings) == 2 * (1 + 5 * n)
     assert {round(ring.center().Z, 9) for ring in rings} == {0.0, TABLE.floor_mm}  # every hole goes through
     rim = max(rings, key=lambda ring: ring.radius).arc_center
-    assert (rim.X, rim.Y) == pytest.approx((0, 0), abs=1e-9)
+    assert pytest.approx((0, 0), abs=1e-9) == (rim.X, rim.Y)
     assert solid.volume == pytest.approx(base.volume, rel=1e-9)
     with pytest.raises(InputError, match="the clamps of 4 fingers would overlap"):
         cad.gripper_base(sg.pneunet.Gripper(a_finger(), n=4, base_radius=15 * mm), TABLE)
