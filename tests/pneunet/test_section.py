@@ -191,6 +191,29 @@ def test_exact_laws_derive_from_an_energy_and_the_printed_one_does_not(name):
     assert asymmetry(THESIS) > 0.05
 
 
+@pytest.mark.parametrize("name", ["exact", "thesis"])
+def test_the_largest_moment_is_the_last_with_a_state(name):
+    moments = LAWS[name].largest_moment * jnp.array([1 - 1e-6, 1 + 1e-6])
+    np.testing.assert_array_equal(np.isfinite(state[name](moments, jnp.zeros(2))[0]), [True, False])
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_curvature_leads_back_to_its_moment(name):
+    """Along with any axial force; the stretch lies between the bounds that the law gives."""
+    law = LAWS[name]
+    most = {"exact": 0.45, "thesis": 0.12}.get(name, 0.25)
+    m, n = (values.ravel() for values in np.meshgrid(np.linspace(-most, most, 9), np.linspace(-0.4, 0.4, 7)))
+    z, stretch = state[name](m, n)
+    known = np.isfinite(z)  # the thesis's law has no state under much of both
+    assert np.mean(known) > 0.8
+    m, n, z, stretch = (np.asarray(values)[known] for values in (m, n, z, stretch))
+    np.testing.assert_allclose(loads[name](z, stretch), [m, n], rtol=1e-10, atol=1e-13)
+    moment, again, low, high = in_lanes(lambda z, n: (*law.bent(z, n), *law.stretches(z, n)[:2]))(z, n)
+    np.testing.assert_allclose(moment, m, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(again, stretch, rtol=1e-12)
+    assert np.all((low < stretch) & (stretch < high))
+
+
 @pytest.mark.parametrize("name", LAWS)
 def test_laws_are_odd_in_moment(name):
     m, n = jnp.array([0.07, 0.14]), jnp.array([0.02, -0.03])
