@@ -91,6 +91,20 @@ def test_all_checks_of_a_shell_hold(shell):
     assert solids.volume(named(shell, "membrane").solid) == pytest.approx(44 * 98 * 1.1 + 2 * (44 * 98 - 40 * 94))
 
 
+@pytest.mark.parametrize("name", ["frame", "ring"])
+def test_screws_go_through_the_middle_of_the_border_of_a_frame(shell, name):
+    """Six of them, at the corners and half-way along the long sides."""
+    (solid,) = solids.solids_of(named(shell, name).solid)
+    rings = solid.edges().filter_by(lambda edge: edge.is_closed)
+    screws = [ring.arc_center for ring in rings if ring.radius == pytest.approx(TABLE.screw_mm / 2)]
+    half = np.sort(solids.extent(solid))[1:] / 2
+    places = {(round(screw.X, 6), round(screw.Y, 6)) for screw in screws}
+    x, y = half - TABLE.frame_mm / 2
+    assert places == {(sx * x, sy * y) for sx in (-1, 1) for sy in (-1, 0, 1)}
+    heights = {round(screw.Z, 6) for screw in screws}
+    assert np.ptp(list(heights)) == pytest.approx(np.min(solids.extent(solid)))
+
+
 def test_all_checks_of_a_finger_hold(finger):
     found = cad.check_solids(finger) + list(cad.check_thicknesses(finger, {p.name: p.solid for p in finger.pieces}))
     assert [check for check in found if not check.good] == []
