@@ -126,14 +126,15 @@ def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     flat, none = fixed.unloaded_state(), jnp.zeros_like(value)
     at_rest = surplus(fixed, value, flat, none)
     touches_later = found.status == Status.NO_CONTACT
-    resting, passed = ~touches_later & (at_rest == 0), at_rest > 0
+    possible = fixed.can_exist()
+    resting, passed = ~touches_later & (at_rest == 0), possible & (at_rest > 0)
     # Where the last state that was looked at is one, equilibrium goes on and the search does not.
     unsought = sought.ended & jnp.isfinite(sought.left)
     status = jnp.where(sought.ended, jnp.where(unsought, Status.NOT_CONVERGED, Status.BEYOND_LIMIT), found.status)
     status = jnp.where(resting, Status.OK if fixed.body is None else Status.NO_CONTACT, status)
     known = jnp.isfinite(value)
     status = jnp.where(passed, Status.IMPOSSIBLE if fixed.body is None else Status.NO_CONTACT, status)
-    status = jnp.where(fixed.can_exist() & known, status, Status.IMPOSSIBLE)
+    status = jnp.where(possible & known, status, Status.IMPOSSIBLE)
     beyond = status == Status.BEYOND_LIMIT
     reason = jnp.where(beyond, int(Reason.VALUE_NOT_REACHED), int(Reason.NONE))
     reason = jnp.where(passed, int(Reason.VALUE_PASSED), reason)

@@ -606,6 +606,15 @@ def test_what_the_free_membrane_never_reaches_is_never_touched():
     assert float(pressed.detail) == pytest.approx(float(sg.limit_pressure(far.without_body())), rel=1e-4)
 
 
+def test_a_wanted_force_does_not_hide_that_the_object_is_inside_the_flat_membrane():
+    """Its contact would press with more than that at rest: the value was said to be passed there."""
+    leaning = sg.shell.ObstacleContact(shell(), Plane(1 * mm, 0.2, 0.0), symmetry="none", across=1, lengthwise=1)
+    found = sg.pressure_for(leaning, force=1.0)
+    assert Status(int(found.status)) is Status.IMPOSSIBLE
+    assert sg.Reason(int(found.reason)) is sg.Reason.MEMBRANE_CLEAR_AT_REST
+    assert float(found.detail) == pytest.approx((1 * np.cos(0.2) - 43 * np.sin(0.2)) * mm, rel=1e-9)  # at y = b
+
+
 def test_a_membrane_that_locks_is_looked_at_up_to_the_largest_load():
     """From 40 mu t_m / a on none were; and the last one before was where an object out of reach was touched."""
     far = locking(5.0)
