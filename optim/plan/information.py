@@ -11,8 +11,9 @@ and a list of measurements is better the larger
     "A": -mean of sum_j C_jj / C_0jj                shares of the variances left
     "decision": -mean of g^T C g                    variance of a quantity q left, g = dq / dtheta
 
-Means are over draws of theta, since rows depend on it. Lists are built one by one, the best gain for its cost first,
-and then improved by exchanging one measurement for another as long as that helps (Fedorov's exchange).
+Means are over draws of theta, since rows depend on it. Lists are built one by one, from the best gain for its cost and
+from the best gain, and improved by exchanging one measurement for another as long as that helps (Fedorov's exchange).
+The better of the two is taken.
 
 Source: K. Chaloner, I. Verdinelli, "Bayesian experimental design: a review", Statistical Science 10 (1995) 273-304.
 """
@@ -91,7 +92,14 @@ def choose(given: Candidates, criterion: str, points: int, budget: float = np.in
     Returns:
         Indices of candidates; one that is measured twice stands there twice.
     """
-    chosen = _greedily(given, criterion, points, budget)
+    # By the gain for the cost alone, cheap measurements may leave no budget for a dear one that tells more.
+    prices = (given.costs, np.ones(len(given.costs)))
+    found = [_exchanged(given, criterion, points, budget, _filled(given, criterion, points, budget, p)) for p in prices]
+    return _in_order(given, criterion, max(found, key=lambda chosen: given.value(chosen, criterion)))
+
+
+def _exchanged(given: Candidates, criterion: str, points: int, budget: float, chosen: list[int]) -> list[int]:
+    """The list, one measurement after the other exchanged for a better one, and filled up where that leaves room."""
     best = given.value(chosen, criterion)
     for _ in range(MOST_SWEEPS):
         before = best
@@ -107,13 +115,18 @@ def choose(given: Candidates, criterion: str, points: int, budget: float = np.in
                 break  # the gains are exact: the others are worse
         if best <= before:
             break
-    return _in_order(given, criterion, chosen)
+        chosen = _filled(given, criterion, points, budget, given.costs, chosen)
+        best = given.value(chosen, criterion)
+    return chosen
 
 
-def _greedily(given: Candidates, criterion: str, points: int, budget: float) -> list[int]:
-    chosen: list[int] = []
+def _filled(
+    given: Candidates, criterion: str, points: int, budget: float, prices: np.ndarray, chosen: Sequence[int] = ()
+) -> list[int]:
+    """The list, and what else is allowed: one after the other, the one that gains most for its price first."""
+    chosen = list(chosen)
     while True:
-        gains = given.gains(chosen, criterion) / given.costs
+        gains = given.gains(chosen, criterion) / prices
         able = np.array([given.is_allowed([*chosen, k], points, budget) for k in range(len(gains))])
         if not able.any() or not np.max(np.where(able, gains, 0.0)) > 0:
             return chosen
