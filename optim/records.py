@@ -125,6 +125,9 @@ def said(problem: Problem) -> list[str]:
     lines = [f"Every design keeps these rules: {', '.join(what['rules_kept'])}."] if what["rules_kept"] else []
     if what["rules_ignored"]:
         lines.append(f"These rules were ignored: {', '.join(what['rules_ignored'])}.")
+    tied = [names for names in problem.space.tied if "=" in names]
+    if tied:
+        lines.append(f"One number each: {'; '.join(tied)}.")
     return [*lines, *what["different_laws"]]
 
 

@@ -577,10 +577,9 @@ class SearchResult:
             left to another ends with it.
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
-        remarks: limits that hold for every state (`Problem.always_kept`), what scales the goals where the starting
-            design does not, see `Scaling`, and `notes`.
-        notes: sentences for the report: of a start outside of the bounds, of goals that no variable changes, and of
-            variables that change nothing.
+        remarks: sentences for the report: of limits that hold for every state (`Problem.always_kept`), of scales that
+            are not those of the starting design (`Scaling`), of a start outside of the bounds, of goals that no
+            variable changes, and of variables that change nothing.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
@@ -599,7 +598,6 @@ class SearchResult:
     reached: tuple[int, ...] = ()
     merged: int = 0
     remarks: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
     solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
 
     @property
@@ -637,7 +635,7 @@ def search(
         finishes: members that are finished, the best of as many regions of the cube; 0 for the descent alone.
         seed: of the Sobol set.
         report: called after every step with (step, best objective so far, feasible members, moving members).
-        remark: called with a sentence where the starting design has no answer, or does not give a quantity its scale.
+        remark: called with a sentence where the starting design has no answer.
         evaluator: what solves the designs, from the problem and a size of batches; see `optim.design.islands`.
 
     Raises:
@@ -697,10 +695,12 @@ def search(
     members, history, paths, stopped = _descend(members, evaluate, advance, scaling, steps, report, company, felt)
     with DeferInterrupt() as waiting:  # what was found is known only once it is solved
         descended = time.perf_counter()
-        remarks = [*problem.always_kept(), *scaling.remarks()]
-        for sentence in remarks:
-            remark(sentence)
-        notes = [*outside_of_bounds(problem, reference_t), *felt.sentences()]
+        remarks = (
+            *problem.always_kept(),
+            *scaling.remarks(),
+            *outside_of_bounds(problem, reference_t),
+            *felt.sentences(),
+        )
         ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
         candidates = ends[_distinct(felt.of(ends), ranks, REGION)[: max(finishes, 1)]]
         designs = designs_at(problem, score, evaluate, candidates)
@@ -738,8 +738,7 @@ def search(
         alone,
         _reached(felt.of(ends), felt.of(np.stack([d.t for d in chosen]))),
         company.merged,
-        (*remarks, *notes),
-        tuple(notes),
+        remarks,
         solutions,
     )
 

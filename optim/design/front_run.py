@@ -22,6 +22,7 @@ from softgrip_jax.model_error import of_shell
 from softgrip_jax.progress import stages
 from softgrip_jax.quantities import REQUIRED
 from softgrip_jax.report.run import tell_and_keep, write_report
+from softgrip_jax.results import Status
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -30,6 +31,7 @@ from ..problem import Problem
 from ..records import agreed, as_given, design_row, in_si, next_command, said, seen, versions, write_csv
 from ..records import summary as summary_line
 from . import settings
+from .descent import Design
 from .pareto import Front, pareto
 
 STOPPED = "Stopped before the front was found"
@@ -133,7 +135,7 @@ def report(front: Front, console: Console) -> None:
         for words in lost:
             console.print(f"Design {number} by the other drive, {words}.", soft_wrap=True, markup=False)
     told = [*said(problem), *(beside.remarks if beside else [])]
-    ends = [[*beyond_law(problem, d.x), *errors_of_shells(problem, d.x)] for d in (front.designs[0], front.designs[-1])]
+    ends = [[*beyond_law(problem, d.x), *errors_of_shells(problem, d)] for d in (front.designs[0], front.designs[-1])]
     if ends[0] == ends[1]:
         told += ends[0]
     else:
@@ -149,12 +151,13 @@ def _number(value: float, kind: str) -> str:
     return "none" if np.isinf(value) else "-" if np.isnan(value) else f"{value / DISPLAY[kind][1]:.5g}"
 
 
-def errors_of_shells(problem: Problem, x: Any) -> list[str]:
-    """How far the models of a design's shells are from finite elements, in what is asked of them and in what a sought
-    pressure gives."""
+def errors_of_shells(problem: Problem, design: Design) -> list[str]:
+    """How far the models of a design's shells are from finite elements, in what is asked of their states and in what a
+    sought pressure gives."""
     sentences = []
-    for name, scene in problem.scenes_at(x).items():
-        asked = [q for q in problem.quantities if q.scene == name and q.along is None]
+    known = dict(zip(problem.asked.states, design.statuses, strict=True))
+    for name, scene in problem.scenes_at(design.x).items():
+        asked = [q for q in problem.quantities if q.scene == name and q.along is None and known[q.state] == Status.OK]
         names = [q.observable for q in asked if q.observable != "pressure" or q.at == REQUIRED]
         names += [q.at[0] for q in asked if isinstance(q.at, tuple)]
         scene_is = f"{name}: " if len(problem.space.scenes) > 1 else ""

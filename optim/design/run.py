@@ -117,7 +117,6 @@ def run_design(config: Path, out: Path | None, console: Console, spread: Spread 
                 result = dataclasses.replace(result, stopped=True)
             except InputError as error:  # they are there, too
                 missed = f"{error} The nominal designs are kept."
-                result = dataclasses.replace(result, remarks=(*result.remarks, missed))
         with DeferInterrupt() as writing:
 
             def tell_all(console: Console) -> None:
@@ -236,6 +235,7 @@ def _write(
         summed["robust"] = robust_report.record(problem, result, robust)
     if missed:
         summed["no_robust_design"] = missed
+        summed["remarks"].append(missed)
     (folder / "result.json").write_text(json.dumps(summed, indent=2), encoding="utf-8")
 
 
@@ -398,7 +398,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         for words in _near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
-    told += [*errors_of_shells(problem, result.best.x), *_of_materials(result), *result.notes]
+    told += [*errors_of_shells(problem, result.best), *_of_materials(result), *result.remarks]
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:

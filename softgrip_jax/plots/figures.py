@@ -156,6 +156,7 @@ def compare(solutions: Mapping[str, Solution]) -> Figure:
         figure.set_layout_engine("constrained", h_pad=0.06)
         height = len(solutions) * (0.86 * width * np.ptp(grid[0, 0].get_ylim()) / sum(spans) + 0.3) + 0.4
         figure.set_size_inches(width, height)
+        figure.draw_without_rendering()  # room for the words is right once the ticks of this size are known
     return figure
 
 
@@ -282,12 +283,11 @@ def convergence(
         styles = {"with_equilibrium": "-", "feasible": (0, (5, 2)), "moving": (0, (1, 1))}
         for name, colour in colours.items():
             below.plot(steps, history[name], color=colour, linestyle=styles[name], label=words[name], marker=marker)
-        below.margins(y=0.1)
-        below.set_ylim(bottom=0)
+        below.set_ylim(0, 1.1 * max(np.max(history[name]) for name in colours))
         below.xaxis.set_major_locator(MaxNLocator(integer=True))
         below.set_xlabel("step")
         below.set_ylabel("designs")
-        below.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0, borderaxespad=0.1)
+        below.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, columnspacing=1.0, borderaxespad=0.1)
     return figure
 
 

@@ -132,4 +132,4 @@ def _prices(ax: Axes, prices: Mapping[str, float]) -> None:
     ax.barh(range(len(names)), [100 * prices[name] for name in names], color=ORANGE, height=0.6)
     ax.set_yticks(range(len(names)), names)
     ax.axvline(0, color="#4D4D4D", linewidth=0.8)
-    ax.set_xlabel("goal gained where this tolerance alone\nis halved, at the same yield (%)")
+    ax.set_xlabel("goal gained where this\ntolerance alone is halved,\nat the same yield (%)")

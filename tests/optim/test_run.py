@@ -329,7 +329,8 @@ def test_a_start_without_an_answer_is_a_start_like_any_other(tmp_path, capfd):
     assert run(["design", str(config), "--out", str(tmp_path / "run")]) == 0
     out = capfd.readouterr().out
     assert "The starting design has no answer (BEYOND_LIMIT); the search begins from it all the same." in out
-    assert "the key scale beside it sets another" in out.replace("\n", " ")
+    assert out.replace("\n", " ").count("the key scale beside it sets another") == 1
+    assert "the key scale beside it sets another" in (tmp_path / "run" / "summary.txt").read_text()
     assert "of the start" not in out
     assert "nan" not in out
     assert "nan" not in (tmp_path / "run" / "designs.csv").read_text()
@@ -412,6 +413,15 @@ def test_scenes_are_written_in_the_order_of_the_config_with_what_belongs_to_the_
     assert list(scenes.items()) == [("free", 3), ("plane", 2), ("other", 1)]
     assert kept == {"manufacture": {"rim_mm": 5}}
     assert records.as_given(dataclasses.replace(read, tables={}), {"plane": 2}) == ({"plane": 2}, {})
+
+
+def test_a_report_names_all_that_a_tied_variable_moves(tmp_path):
+    path = tmp_path / "two.toml"
+    text = TWO_SCENES.replace("GOAL", 'maximise = "plane.limit_pressure_kPa"')
+    path.write_text(text.replace('"shell.t_m_mm"', '["plane.shell.t_m_mm", "free.shell.t_m_mm"]'))
+    assert records.said(settings.read(configs.load(path)).problem)[-1] == (
+        "One number each: plane.shell.t_m = free.shell.t_m."
+    )
 
 
 SWEPT = """

@@ -177,6 +177,20 @@ def search_figure():
     )
 
 
+def long_search_figure():
+    """Numbers of four digits beside the axis, whose name has two lines."""
+    steps = np.arange(40)
+    history = {"best_objective": 0.65 + 0.1 / (1 + steps), "with_equilibrium": 16 + 0 * steps}
+    history |= {"feasible": 16 + 0 * steps, "moving": 16 - steps // 3}
+    return plots.convergence(history, "best\n(start: 1)", "pressure", 0.64, np.linspace(1.35, 0.65, 40)[:, None])
+
+
+def robust_figure():
+    parts = np.linspace(0.9, 1.1, 50)
+    casts = {name: plots.Cast(parts, parts - 1, 1.0) for name in ("nominal best", "robust best")}
+    return plots.robust(casts, "tip force", "force", prices={"base_radius_mm": 0.1, "friction": 0.3})
+
+
 def fit_figure():
     x = np.linspace(0, 20, 12)
     points = plots.Points("specimen one", x, 0.1 * x**2, x < 15)
@@ -192,6 +206,8 @@ OTHER_FIGURES = {
     "grid of two": lambda: grid_figure(2),
     "bars": bars_figure,
     "search": search_figure,
+    "long search": long_search_figure,
+    "parts of designs": robust_figure,
     "fit": fit_figure,
     "front of two": lambda: plots.front(
         np.array([[2e3, 1.2], [3e3, 1.4]]),
@@ -218,6 +234,16 @@ def test_no_word_of_any_other_figure_is_cut(name):
     figure = OTHER_FIGURES[name]()
     assert isinstance(figure, Figure)
     check_no_word_is_cut(figure)
+
+
+def test_no_word_beside_tall_pictures_is_cut(solved, monkeypatch):
+    """As of two grippers: the size of the figure, by which its ticks are chosen, is known last."""
+
+    def paint(solution, axes):
+        axes[0].set(xlim=(-48, 48), ylim=(-103.3, 11.2))
+
+    monkeypatch.setattr(plots.figures, "look", lambda solution: plots.figures.Look(("x (mm)",), "height (mm)", paint))
+    check_no_word_is_cut(plots.compare({"before": solved["free"], "after": solved["free"]}))
 
 
 def test_designs_of_many_numbers_are_lines_through_parallel_axes():
