@@ -152,10 +152,9 @@ class Free(FingerScene):
     def spent(self, unknowns, pressure):
         if not self.is_arcs():
             return super().spent(unknowns, pressure)
-        moments = jnp.abs(unknowns) * self.finger.H / self.finger.L / 3
-        return super().spent(unknowns, pressure) | {
-            Reason.SECTION_FULL: largest(moments) / self.law().largest_moment - 1
-        }
+        moments, law = unknowns * self.finger.H / self.finger.L / 3, self.law()
+        used = jax.vmap(lambda m: law.used_up(m, *law(m, jnp.zeros_like(m))))(moments)
+        return super().spent(unknowns, pressure) | {Reason.SECTION_FULL: largest(used)}
 
     def turned(self, unknowns):
         return self.turns(unknowns)[0] if self.is_arcs() else super().turned(unknowns)

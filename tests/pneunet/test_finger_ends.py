@@ -11,6 +11,7 @@ from fingers import TYPE_A, pneunet
 from scipy.optimize import brentq
 
 import softgrip_jax as sg
+from softgrip_jax.load_path import LoadPath
 from softgrip_jax.reasons import Reason
 
 OK, BEYOND = int(sg.Status.OK), int(sg.Status.BEYOND_LIMIT)
@@ -115,3 +116,32 @@ def test_a_moment_that_no_section_carries():
     np.testing.assert_allclose(limit, largest * 1e6, rtol=1e-6)
     found = sg.solve(scene, 1.01 * limit)
     assert (int(found.status), int(found.reason)) == (BEYOND, Reason.SECTION_FULL)
+
+
+@pytest.mark.parametrize(("H", "curls_up"), [(3.0, True), (9.0, False)])
+def test_walls_that_lock_before_they_close_have_no_end_of_their_own(H, curls_up):
+    """Gent's walls lock where the pressure is infinite. A thin cover curls up, the inner fibre of a thick one locks."""
+    j_m, (places, weights) = 0.4, np.polynomial.legendre.leggauss(16)
+    finger = dataclasses.replace(pneunet(TYPE_A), H=H * 1e-3, material=sg.Gent(mu=136e3, j_m=j_m))
+    locked = np.exp(-2 * np.arcsinh(0.5 * np.sqrt(j_m)))  # square of the least stretch: I_1 - 3 = s^2 + s^-2 - 2
+
+    def stresses(z, middle):
+        square = middle + z * places
+        return 0.25 * (1 - square**-2) / (1 - (square + 1 / square - 2) / j_m)
+
+    if curls_up:
+        z = 4 * np.pi * H / 77
+        middle = np.sqrt(1 + z * z)
+    else:
+        z = brentq(lambda z: np.dot(weights, stresses(z, z + locked)), 0.6, 0.663, xtol=1e-14)
+        middle = z + locked
+    moment = np.dot(weights * places, stresses(z, middle)) * finger.moment_scale()
+    limit = sg.limit_pressure(sg.pneunet.Free(finger, weight=None, inclination="none"))
+    np.testing.assert_allclose(sg.pneunet.chamber(finger, limit).end_moment, moment, rtol=1e-6)
+
+
+def test_a_way_without_end_has_all_of_its_places():
+    zero = jnp.asarray(0.0)
+    way = LoadPath(zero, zero, zero + 1, zero + jnp.inf, zero + 1e-3)
+    assert way.last() == jnp.inf
+    np.testing.assert_allclose(way.pressure_at(way.coordinate_of(jnp.asarray(7.0))[None]), 7.0, rtol=1e-14)

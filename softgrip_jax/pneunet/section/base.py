@@ -67,6 +67,10 @@ class SectionLaw(eqx.Module):
     def stretches(self, z: Scalar, n: Scalar) -> tuple[Scalar, Scalar, Scalar]:
         """Of the stretch at a curvature under an axial force: a bound from below, one from above, a good guess."""
 
+    def used_up(self, m: Scalar, z: Scalar, stretch: Scalar) -> Scalar:
+        """A number that rises through zero where the section carries no more, of its moment and its state."""
+        return jnp.abs(m) / self.largest_moment - 1
+
     def axis(self) -> int | None:
         """0 where every part of a beam has a law of its own, stacked in one; None where all have the same."""
         return None

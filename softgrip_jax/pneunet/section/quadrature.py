@@ -9,6 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool
 
 from ...materials.base import Material
+from ...numerics.choice import smallest
 from ...numerics.implicit import implicit
 from ...numerics.scalar_roots import newton_bracketed
 from ...numerics.small_linear import solve_small
@@ -68,10 +69,22 @@ class ExactQuadrature(SectionLaw):
 
     def holds(self, z: Scalar, stretch: Scalar) -> Bool[Array, ""]:
         """True where both outer fibres exist and the material can follow them (beyond a lock, stresses lie)."""
+        exists, left = self._outer_fibres(z, stretch)
+        return exists & jnp.all(left > 0)
+
+    def used_up(self, m, z, stretch):
+        """Where an outer fibre locks: the points, all inside, carry a finite moment there. Nothing is known of a
+        material that does not say how near it is to its lock."""
+        if type(self.material).stretchable is Material.stretchable:
+            return super().used_up(m, z, stretch)
+        return -smallest(self._outer_fibres(z, stretch)[1])
+
+    def _outer_fibres(self, z: Scalar, stretch: Scalar) -> tuple[Bool[Array, ""], Array]:
+        """Whether both exist, and what is left of each before it locks."""
         inner, outer = stretch**2 - jnp.abs(z), stretch**2 + jnp.abs(z)
         exists = (stretch > 0) & (inner > 0)
         fibres = jnp.sqrt(jnp.where(exists, jnp.stack([inner, outer]), 1.0))
-        return exists & jnp.all(jax.vmap(lambda s: self.material.stretchable(s, 1 / s))(fibres) > 0)
+        return exists, jax.vmap(lambda s: self.material.stretchable(s, 1 / s))(fibres)
 
     def __call__(self, m, n):
         m, n = jnp.broadcast_arrays(m, n)
