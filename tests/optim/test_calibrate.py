@@ -271,6 +271,22 @@ def test_intervals_of_a_robust_loss_cover_the_truth():
     assert 0.93 < inside.mean() < 0.97, inside.mean(axis=0)
 
 
+@pytest.mark.parametrize("method", ["gauss_newton", "profile"])
+def test_a_robust_interval_knows_the_scatter_from_its_few_errors(method):
+    """Errors far below Huber's bound count in full, and those of five points tell how far they scatter: the interval is
+    that of least squares with an unknown noise, whatever noise is stated."""
+    strain = np.linspace(0.1, 1.0, 5)
+    rise = 1 + strain - (1 + strain) ** -2
+    y = 100e3 * rise + 1e3 * np.array([1.0, -0.6, 0.2, 0.9, -0.7])
+    curve = Curve("test", "test", "stress", "pressure", strain, y, noise=10e3)
+    variables = [Variable("material.mu", 10e3, 1e6)]
+    found = calibrate(Fitting({"test": Tension(sg.NeoHookean(mu=80e3))}, variables, [curve], loss="huber"), starts=1)
+    mu = rise @ y / (rise @ rise)
+    half = stats.t.ppf(0.975, 4) * np.sqrt(np.sum((y - mu * rise) ** 2) / 4 / (rise @ rise))
+    ends = intervals(found, method)
+    np.testing.assert_allclose([ends.low[0], ends.high[0]], [mu - half, mu + half], rtol=1e-5)
+
+
 def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
     """Yeoh in tension is linear in its constants: covariance s^2 (A^T A)^-1, and the profile is the same interval."""
     strain = np.linspace(0.05, 2, 40)
