@@ -102,6 +102,13 @@ class Fit:
         return int(self.used.sum()) - self.fitting.space.size
 
     @property
+    def freedoms(self) -> np.ndarray:
+        """Of every curve, points less what it has of the parameters (the sum of its leverages), shape (curves,)."""
+        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
+        left = weight - np.asarray(leverage(jnp.asarray(self.rows)))
+        return np.bincount(self.fitting.of_curve, left, len(self.fitting.curves))
+
+    @property
     def quantile(self) -> np.ndarray:
         """Standard deviations on each side of every parameter's interval, shape (n,)."""
         return self.quantiles(np.eye(self.fitting.space.size))
@@ -134,12 +141,10 @@ class Fit:
         variance: of every combination, where more is behind it than the noise of the curves.
         """
         fitting = self.fitting
-        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
-        rows = self.rows
         of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
-        free = of_curve @ (weight - np.asarray(leverage(jnp.asarray(rows))))
+        free = self.freedoms
         factor = float(self.robust_factors.covariance)
-        parts = factor * (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T
+        parts = factor * (along @ np.linalg.pinv(self.rows, rcond=DETERMINED)) ** 2 @ of_curve.T
         unsure = np.where(fitting.known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
         if fitting.loss != "linear":
             unsure += parts[:, fitting.known].sum(axis=1) ** 2 / max(free.sum(), 1.0)
