@@ -271,6 +271,17 @@ def test_intervals_of_a_robust_loss_cover_the_truth():
     assert 0.93 < inside.mean() < 0.97, inside.mean(axis=0)
 
 
+def test_what_a_bound_holds_is_no_offset():
+    """All errors are those of a modulus that may not reach its 100 kPa: no sensor was off its zero."""
+    strain = np.linspace(0.1, 1.0, 9)
+    y = 100e3 * (1 + strain - (1 + strain) ** -2) + 1e3 * np.random.default_rng(0).normal(size=9)
+    curve = Curve("test", "test", "stress", "pressure", strain, y)
+    held = [Variable("material.mu", 10e3, 90e3, "log")]
+    found = calibrate(Fitting({"test": Tension(sg.NeoHookean(mu=50e3))}, held, [curve]), starts=1)
+    assert found.on_bound.all()
+    assert offset(found, 0) is None
+
+
 def test_curves_that_share_parameters_are_not_said_to_be_missed():
     """Three curves of five points determine three constants together: each has four degrees of freedom, not two, and
     errors whose squares add up to 11 times that of the noise are nothing unlikely."""
