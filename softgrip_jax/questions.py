@@ -129,19 +129,22 @@ def solve(scene: Scene, pressure: Any, *, solver: Any = None, guess: Any = None)
     """
     if solver is None and guess is None:
         return equilibrium(*to_solve(scene, pressure))
-    scene, pressure = to_solve(scene, pressure)
-    return _solve_by(scene, pressure, *_chosen(scene, solver, guess))
+    prepared, pressure = to_solve(scene, pressure)
+    name = type(scene).__name__
+    if type(prepared) is not type(scene) and (model := getattr(scene, "model", None)) is not None:
+        name += f" with model={model!r}"
+    return _solve_by(prepared, pressure, *_chosen(prepared, name, solver, guess))
 
 
-def _chosen(scene: Scene, solver: Any, guess: Any) -> tuple[Solver, Array | None]:
-    """A solver and the unknowns that it begins from, or one sentence about what is wrong."""
+def _chosen(scene: Scene, name: str, solver: Any, guess: Any) -> tuple[Solver, Array | None]:
+    """A solver and the unknowns that it begins from, or one sentence about what is wrong with a scene of this name."""
     if solver is None:
         raise InputError("guess is for a solver that begins from one; give solver=sg.solvers.Newton(), too.")
     if not isinstance(solver, Solver):
         raise InputError(f"solver is {solver!r}; it must be one of sg.solvers, for instance sg.solvers.Newton().")
     if not solver.suits(scene):
         can = " or ".join(scene.SOLVERS) or "its own method alone: leave solver out"
-        raise InputError(f"{type(scene).__name__} cannot be solved by {type(solver).__name__}; it can by {can}.")
+        raise InputError(f"{name} cannot be solved by {type(solver).__name__}; it can by {can}.")
     if guess is None:
         return solver, None
     if not solver.takes_guess():
@@ -151,7 +154,7 @@ def _chosen(scene: Scene, solver: Any, guess: Any) -> tuple[Solver, Array | None
     if not isinstance(given, jax.Array) or given.shape != wanted:
         shape = f"has unknowns of the shape {given.shape}" if isinstance(given, jax.Array) else f"is {guess!r}"
         raise InputError(
-            f"guess {shape}, and the unknowns of this {type(scene).__name__} have the shape {wanted}; it must be a "
+            f"guess {shape}, and the unknowns of this {name} have the shape {wanted}; it must be a "
             "Solution of a scene of the same kind, or its unknowns."
         )
     return solver, given

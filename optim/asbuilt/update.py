@@ -216,6 +216,6 @@ def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
         raise InputError(f"The curves do not determine {names}: hold one, or measure something else.")
     inverse, C = np.linalg.inv(information), known.covariance
     G = -inverse @ by_theta.T @ by_x
-    joint = np.block([[C, C @ G.T], [G @ C, fit.robust_factor * inverse + G @ C @ G.T]])
+    joint = np.block([[C, C @ G.T], [G @ C, float(fit.robust_factors.covariance) * inverse + G @ C @ G.T]])
     remarks = (*fit.notes, *on_bounds(fit), *misfit(fit))
     return dataclasses.replace(known, fit=fit, fit_covariance=joint, remarks=remarks)

@@ -109,8 +109,8 @@ def _chances(fit: Fit, weights: list[np.ndarray], ends: Fitted) -> tuple[np.ndar
     at = sigma[fitting.of_curve]
     J = slopes * (np.sqrt(kept) / at)[..., None]
     fitted = [jnp.sum(leverage(jnp.asarray(one))) for one in J]
-    factors = [fitting.robust_factor(*map(jnp.asarray, (errors[s] / at, kept[s], fitted[s]))) for s in range(count)]
-    J = J / np.sqrt(factors)[:, None, None]
+    factors = [fitting.robust_factors(*map(jnp.asarray, (errors[s] / at, kept[s], fitted[s]))) for s in range(count)]
+    J = J / np.sqrt([one.covariance for one in factors])[:, None, None]
     variance = np.array([np.diag(inverse_square(jnp.asarray(one))) for one in J])
 
     def chance(Q: Any, parameters: int) -> Any:

@@ -29,7 +29,7 @@ from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT
 from ..space import to_free, to_unit
-from .model import DETERMINED, FitMember, Fitted, Fitting, Predicted, leverage
+from .model import DETERMINED, FitMember, Fitted, Fitting, Predicted, RobustFactors, leverage
 
 CONFIDENCE = 0.95
 """Confidence of every interval."""
@@ -102,18 +102,25 @@ class Fit:
         return int(self.used.sum()) - self.fitting.space.size
 
     @property
+    def freedoms(self) -> np.ndarray:
+        """Of every curve, points less what it has of the parameters (the sum of its leverages), shape (curves,)."""
+        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
+        left = weight - np.asarray(leverage(jnp.asarray(self.rows)))
+        return np.bincount(self.fitting.of_curve, left, len(self.fitting.curves))
+
+    @property
     def quantile(self) -> np.ndarray:
         """Standard deviations on each side of every parameter's interval, shape (n,)."""
         return self.quantiles(np.eye(self.fitting.space.size))
 
     @property
-    def robust_factor(self) -> float:
-        """What a robust loss makes of the covariance; 1 of least squares."""
+    def robust_factors(self) -> RobustFactors:
+        """What a robust loss makes of the covariance and of the cost."""
         response, sigma = self.predicted.response, np.asarray(self.member.sigma)[self.fitting.of_curve]
         weight = np.asarray(self.member.weight) * np.asarray(response.ok)
         r = np.where(weight > 0, (np.asarray(response.values) - self.fitting.y) / sigma, 0.0)
         fitted = jnp.sum(leverage(jnp.asarray(self.rows)))
-        return float(self.fitting.robust_factor(jnp.asarray(r), jnp.asarray(weight), fitted))
+        return self.fitting.robust_factors(jnp.asarray(r), jnp.asarray(weight), fitted)
 
     @property
     def rows(self) -> np.ndarray:
@@ -127,17 +134,20 @@ class Fit:
     def quantiles(self, along: np.ndarray, variance: np.ndarray | None = None) -> np.ndarray:
         """Standard deviations on each side of the interval of combinations of the scaled parameters, one per row.
 
-        Normal where every noise is stated, else Student's t. Each noise that is estimated is known as well as its own
-        curve tells it: the degrees of freedom are Welch's and Satterthwaite's for the curves' parts of the variance.
+        Normal where every noise is stated and the loss is linear, else Student's t. Each noise that is estimated is
+        known as well as its own curve tells it: the degrees of freedom are Welch's and Satterthwaite's for the curves'
+        parts of the variance. With a robust loss the errors of all points tell the variance of curves with a stated
+        noise, too.
         variance: of every combination, where more is behind it than the noise of the curves.
         """
         fitting = self.fitting
-        weight = np.asarray(self.member.weight) * np.asarray(self.predicted.response.ok)
-        rows = self.rows
         of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
-        free = of_curve @ (weight - np.asarray(leverage(jnp.asarray(rows))))
-        parts = self.robust_factor * (along @ np.linalg.pinv(rows, rcond=DETERMINED)) ** 2 @ of_curve.T
+        free = self.freedoms
+        factor = float(self.robust_factors.covariance)
+        parts = factor * (along @ np.linalg.pinv(self.rows, rcond=DETERMINED)) ** 2 @ of_curve.T
         unsure = np.where(fitting.known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
+        if fitting.loss != "linear":
+            unsure += parts[:, fitting.known].sum(axis=1) ** 2 / max(free.sum(), 1.0)
         whole = parts.sum(axis=1) if variance is None else variance
         freedom = np.divide(whole**2, unsure, out=np.full(len(along), np.inf), where=unsure > 0)
         return stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)

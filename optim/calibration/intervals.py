@@ -7,8 +7,8 @@
                     of Hesterberg (2015): with n points and m parameters drawn points scatter by (n - m) / n of what
                     measured ones do, and the noise is known as well as Student's t has it.
     profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
-                    model that is not linear, and says where an interval has no end. A robust loss is taken as if it
-                    were the likelihood.
+                    model that is not linear, and says where an interval has no end. The cost of a robust loss is
+                    no likelihood, and is divided by what it scatters by (Schrader and Hettmansperger 1980).
 
 Each parameter is log or linear as it is varied, so that an interval of a log parameter is never negative.
 """
@@ -139,7 +139,7 @@ REFINED = 5
 
 
 def profile(fit: Fit, report: Tell = silent) -> Intervals:
-    """Profile likelihood: the signed root of the added cost, z = sqrt(2 (cost - best)), crosses the quantile."""
+    """Profile likelihood: the root of the added cost, z of `_roots`, crosses the quantile."""
     n = fit.fitting.space.size
     low, high = np.full(n, np.nan), np.full(n, np.nan)
     notes = []
@@ -189,7 +189,8 @@ def _crossing(fit: Fit, j: int, sign: int) -> float:
 
 
 def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:
-    """sqrt(2 (cost - best)) with parameter j held at changes of its scaled value."""
+    """sqrt(2 (cost - best) / c) with parameter j held at changes of its scaled value, and c of a robust loss
+    (`Fit.robust_factors`)."""
     free = np.arange(fit.fitting.space.size) != j
     members = []
     for change in changes:
@@ -197,7 +198,7 @@ def _roots(fit: Fit, j: int, changes: np.ndarray) -> np.ndarray:
         start = np.where(free, _start(fit, fit.x), np.asarray(to_free(fit.fitting.space.to_unit(x))))
         members.append(fit.member._replace(start=jnp.asarray(start), free=jnp.asarray(free)))
     added = np.asarray(run_members(fit.fitting, members).cost) - fit.cost
-    return np.sqrt(2 * np.maximum(added, 0))
+    return np.sqrt(2 * np.maximum(added, 0) / float(fit.robust_factors.cost))
 
 
 def _start(fit: Fit, x: Any) -> np.ndarray:

@@ -137,6 +137,14 @@ class Statistics(NamedTuple):
     """Of the scaled parameters."""
 
 
+class RobustFactors(NamedTuple):
+    """What a robust loss multiplies by; 1 of least squares."""
+
+    covariance: Float[Array, ""]
+    cost: Float[Array, ""]
+    """Twice the cost that is added where a true parameter is held is, on the average, this."""
+
+
 class _Marquardt(optx.LevenbergMarquardt):
     """Levenberg-Marquardt that also ends where the next step would be too small to matter (xtol of MINPACK).
 
@@ -301,7 +309,7 @@ class Fitting:
         With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
 
             sigma_k^2 <- sum_k w (f - y)^2 / sum_k (w - h)      where it is not stated
-            covariance = (J^T W J)^-1 times, with a robust loss, `robust_factor`
+            covariance = (J^T W J)^-1 times, with a robust loss, `robust_factors`
 
         With a robust loss an unknown sigma_k is 1.4826 times the median of |f - y| (of points with a weight).
         """
@@ -323,17 +331,19 @@ class Fitting:
         least = (LEAST_NOISE * self.sizes) ** 2
         estimated = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
         estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), member.sigma, estimated)
-        return Statistics(estimated, covariance * self.robust_factor(r, weight, jnp.sum(taken)))
+        return Statistics(estimated, covariance * self.robust_factors(r, weight, jnp.sum(taken)).covariance)
 
-    def robust_factor(self, r: Array, weight: Array, fitted: Array) -> Array:
-        """What a robust loss makes of the covariance; 1 of least squares.
+    def robust_factors(self, r: Array, weight: Array, fitted: Array) -> RobustFactors:
+        """What a robust loss makes of the covariance and of the cost; 1 and 1 of least squares.
 
-        With psi = rho'/2, n points and p directions that they are `fitted` along (Huber 1981, 7.6):
+        With psi = rho'/2, n points and p directions that they are `fitted` along (Huber 1981, 7.6; Schrader and
+        Hettmansperger 1980):
 
-            K^2 (sum psi^2 / (n - p)) / mean(psi')^2,       K = 1 + p/n var(psi') / mean(psi')^2
+            covariance   K^2 (sum psi^2 / (n - p)) / mean(psi')^2,       K = 1 + p/n var(psi') / mean(psi')^2
+            cost         covariance * mean(psi')
         """
         if self.loss == "linear":
-            return jnp.asarray(1.0)
+            return RobustFactors(jnp.asarray(1.0), jnp.asarray(1.0))
         influence = jax.grad(lambda r: 0.5 * LOSSES[self.loss](r) ** 2)
         psi, bend = jax.vmap(influence)(r), jax.vmap(jax.grad(influence))(r)
         points = jnp.sum(weight)
@@ -341,7 +351,8 @@ class Fitting:
         mean = jnp.sum(weight * bend) / points
         varies = jnp.sum(weight * (bend - mean) ** 2) / points
         K = 1 + fitted / points * varies / mean**2
-        return (K / mean) ** 2 * jnp.sum(weight * psi**2) / freedom
+        factor = (K / mean) ** 2 * jnp.sum(weight * psi**2) / freedom
+        return RobustFactors(factor, factor * mean)
 
 
 START_NOISE = 1e-2

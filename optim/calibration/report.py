@@ -217,8 +217,7 @@ def misfit(fit: Fit) -> list[str]:
             )
         if curve.noise is not None and fit.fitting.loss == "linear":
             mean = fit.chi_square(k)
-            freedom = max(count - fit.fitting.space.size, 1)
-            if stats.chi2.sf(mean * count, freedom) < UNLIKELY:
+            if stats.chi2.sf(mean * count, max(fit.freedoms[k], 1.0)) < UNLIKELY:
                 said.append(
                     f"{curve.name}: the errors are {np.sqrt(mean):.2g} times the stated noise, so the model does not "
                     "follow the curve to within it; the intervals, which take the model as right, are too narrow."

@@ -46,14 +46,15 @@ def offset(fit: Fit, k: int) -> str | None:
     """A sentence where an offset explains the errors of a curve of one specimen.
 
     With r the weighted residuals of a fit, J their derivatives by the scaled parameters, and 1_k what an offset of the
-    curve adds to them, the least squares of r + J dx + 1_k b are compared with those of r (F test).
+    curve adds to them, the least squares of r + J dx + 1_k b are compared with those of r (F test). What a bound holds
+    stays there.
     """
     fitting, curve, used = fit.fitting, fit.fitting.curves[k], fit.used
     own = used & (fitting.of_curve == k)
     if fitting.loss != "linear" or curve.specimen is not None or own.sum() < SYSTEMATIC_POINTS:
         return None
     scale = np.sqrt(np.asarray(fit.member.weight)) / np.asarray(fit.member.sigma)[fitting.of_curve]
-    slopes = np.asarray(fit.predicted.slopes) * fit.scales * np.asarray(fit.member.free)
+    slopes = np.asarray(fit.predicted.slopes) * fit.scales * np.asarray(fit.member.free) * ~fit.on_bound
     rows, r = (np.column_stack([slopes, own]) * scale[:, None])[used], (fit.errors * scale)[used]
     change, _, rank, _ = np.linalg.lstsq(rows, -r, rcond=None)
     left, freedom = r + rows @ change, len(r) - rank

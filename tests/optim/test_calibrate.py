@@ -271,6 +271,56 @@ def test_intervals_of_a_robust_loss_cover_the_truth():
     assert 0.93 < inside.mean() < 0.97, inside.mean(axis=0)
 
 
+def test_what_a_bound_holds_is_no_offset():
+    """All errors are those of a modulus that may not reach its 100 kPa: no sensor was off its zero."""
+    strain = np.linspace(0.1, 1.0, 9)
+    y = 100e3 * (1 + strain - (1 + strain) ** -2) + 1e3 * np.random.default_rng(0).normal(size=9)
+    curve = Curve("test", "test", "stress", "pressure", strain, y)
+    held = [Variable("material.mu", 10e3, 90e3, "log")]
+    found = calibrate(Fitting({"test": Tension(sg.NeoHookean(mu=50e3))}, held, [curve]), starts=1)
+    assert found.on_bound.all()
+    assert offset(found, 0) is None
+
+
+def test_curves_that_share_parameters_are_not_said_to_be_missed():
+    """Three curves of five points determine three constants together: each has four degrees of freedom, not two, and
+    errors whose squares add up to 11 times that of the noise are nothing unlikely."""
+    strain = np.linspace(0.2, 2, 5)
+    rise, i1 = 1 + strain - (1 + strain) ** -2, (1 + strain) ** 2 + 2 / (1 + strain) - 3
+    columns = 2 * rise[:, None] * np.stack([np.ones_like(i1), 2 * i1, 3 * i1**2], axis=1)
+    unmet = np.linalg.svd(columns)[0][:, 3]
+    assert stats.chi2.sf(11, 2) < 0.01 < stats.chi2.sf(11, 4)
+    variables = [Variable(f"material.c{k}", -most, most) for k, most in ((1, 3e5), (2, 1e5), (3, 2e4))]
+    models, y, noise = {"test": Tension(sg.Yeoh(c1=50e3))}, columns @ [60e3, 4e3, 100.0], 2e3
+
+    def said(square):
+        errors = [np.sqrt(square) * noise * unmet, 0.0, 0.0]
+        curves = [
+            Curve(name, "test", "stress", "pressure", strain, y + e, noise=noise)
+            for name, e in zip("abc", errors, strict=True)
+        ]
+        return misfit(calibrate(Fitting(models, variables, curves), starts=1))
+
+    assert said(11) == []
+    assert "times the stated noise" in said(20)[0]
+
+
+@pytest.mark.parametrize("method", ["gauss_newton", "profile"])
+def test_a_robust_interval_knows_the_scatter_from_its_few_errors(method):
+    """Errors far below Huber's bound count in full, and those of five points tell how far they scatter: the interval is
+    that of least squares with an unknown noise, whatever noise is stated."""
+    strain = np.linspace(0.1, 1.0, 5)
+    rise = 1 + strain - (1 + strain) ** -2
+    y = 100e3 * rise + 1e3 * np.array([1.0, -0.6, 0.2, 0.9, -0.7])
+    curve = Curve("test", "test", "stress", "pressure", strain, y, noise=10e3)
+    variables = [Variable("material.mu", 10e3, 1e6)]
+    found = calibrate(Fitting({"test": Tension(sg.NeoHookean(mu=80e3))}, variables, [curve], loss="huber"), starts=1)
+    mu = rise @ y / (rise @ rise)
+    half = stats.t.ppf(0.975, 4) * np.sqrt(np.sum((y - mu * rise) ** 2) / 4 / (rise @ rise))
+    ends = intervals(found, method)
+    np.testing.assert_allclose([ends.low[0], ends.high[0]], [mu - half, mu + half], rtol=1e-5)
+
+
 def test_a_linear_model_has_the_textbook_covariance_profile_and_bootstrap():
     """Yeoh in tension is linear in its constants: covariance s^2 (A^T A)^-1, and the profile is the same interval."""
     strain = np.linspace(0.05, 2, 40)

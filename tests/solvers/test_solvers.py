@@ -269,8 +269,8 @@ BAD = {
         "Free cannot be solved by ArcLength; it can by ExplicitCurve or Newton",
     ),
     "Newton for an energy": (
-        lambda: sg.solve(cheap(sg.shell.Free(shell(), model="energy")), 1e4, solver=Newton()),
-        "Free cannot be solved by Newton; it can by MinimumEnergy",
+        lambda: sg.solve(sg.shell.Free(shell(), model="energy"), 1e4, solver=Newton()),
+        "^Free with model='energy' cannot be solved by Newton; it can by MinimumEnergy",
     ),
     "a class": (lambda: sg.solve(finger(), 1e4, solver=Newton), "it must be one of sg.solvers"),
     "a name": (lambda: sg.solve(finger(), 1e4, solver="newton"), "solver is 'newton'; it must be one of sg.solvers"),
