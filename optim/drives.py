@@ -26,7 +26,6 @@ from softgrip_jax.reasons import Reason
 from softgrip_jax.results import Status, in_units
 
 from .problem import Goal, Limits, Problem
-from .rules import without_rules
 from .space import Space, Variable
 
 SUFFIX = "_other"
@@ -109,7 +108,7 @@ def other_drive(problem: Problem, designs: int) -> OtherDrive | None:
     given = np.array([np.nan if isinstance(at, str | tuple) else at for _, at in asked.states], dtype=float)
 
     def other_values(x, pressures):
-        moved = without_rules(problem.space.scenes_at(x))
+        moved = problem.scenes_at(x)
         changed = {name: with_other_drive(scene) if name in others else scene for name, scene in moved.items()}
         known = {
             state: solve(changed[state[0]], p)

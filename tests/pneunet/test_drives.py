@@ -176,6 +176,15 @@ def test_a_limit_pressure_is_reported_by_the_other_drive():
     assert beside.reasons == [[]]
 
 
+def test_a_state_whose_parts_overlap_by_the_other_drive_is_not_there():
+    """The thesis's chambers push a finger to 0.5 N at a pressure at which they overlap."""
+    space = Space({"held": held(drive="cell", inclination="segment")}, [Variable("finger.H", 4 * mm, 6 * mm)])
+    asked = Problem(space, [Goal("minimise", Quantity("pressure", ("tip_force", 0.5)))])
+    beside = by_other_drive(asked, [np.array([5 * mm])])
+    assert np.isnan(beside.values).all()
+    assert "neighbouring chambers overlap by 1.06" in beside.reasons[0][0]
+
+
 @pytest.mark.slow
 def test_what_is_outside_of_the_law_is_told_of_the_best_design(problem):
     """The start is the first of the designs, the best one the second, others follow."""
