@@ -249,10 +249,11 @@ at = {{{{ pressure_kPa = {{}} }}}}
         said[pressure] = (tmp_path / str(pressure) / "summary.txt").read_text()
         row = next(line for line in said[pressure].splitlines() if "(rms), drive cell" in line)
         told[pressure] = [cell.strip() for cell in row.split("│")[2:-1]]
-    # Points of the curve are evenly spaced, and so are those of the shape.
     best = with_other_drive(configs.load(tmp_path / "20" / "best.toml").scene)
-    shape = sg.solve(best, 20 * kPa).shape(3)
-    far = np.hypot(*(np.array([shape[axis][1:] for axis in "xy"]) / mm - np.array(points[1:]).T))
+    shape = sg.solve(best, 20 * kPa).shape(1001)
+    way = np.cumsum(np.hypot(*np.diff(points, axis=0).T))
+    there = [np.interp(way / way[-1], np.linspace(0, 1, 1001), shape[axis]) / mm for axis in "xy"]
+    far = np.hypot(*(np.array(there) - np.array(points[1:]).T))
     assert float(told[20][1].removesuffix(" mm")) == pytest.approx(np.sqrt(np.mean(far**2)), rel=1e-4)
     assert told[45] == ["-", "-"]
     assert "by the other drive" not in said[20]
