@@ -93,8 +93,8 @@ def page(held: Sequence[Held], tilted: Sequence[Tilted]) -> str:
         "In the arc model the force does not depend on where along the membrane the cylinder is, as long as straight "
         "parts are left (\\(e_2 \\ge 0\\), which gives the height \\(h\\)). By energy it does, a little: nearer to the "
         "end the membrane is lower, and what touches it there is also pushed towards the end. With 6 x 9 or 8 x 12 "
-        "polynomials instead of 4 x 6 the forces change by up to 6 %, and the pushes by up to a factor of two: they say "
-        "little more than their size.",
+        "polynomials instead of 4 x 6 the forces change by up to 6 %, and the pushes by up to a factor of two: they "
+        "say little more than their size.",
         "",
         "| mass | gap | pressure | height | force, arcs | energy, in the middle | energy, at that height | "
         "pushed along | friction to hold the mass: arcs, energy |",
