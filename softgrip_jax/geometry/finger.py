@@ -86,7 +86,7 @@ class Place(NamedTuple):
 
 
 def chamber_places(finger: PneuNet) -> list[Place]:
-    """Every chamber; the last one of a uniform finger may be cut by its end."""
+    """Every chamber; that of a uniform finger which its end cuts is one where room is left between its walls."""
     length = float(finger.L) / mm
     numbers = {name: np.asarray(getattr(finger, name)) for name in SEGMENT_FIELDS}
     if finger.segments is None:
@@ -109,7 +109,9 @@ def chamber_places(finger: PneuNet) -> list[Place]:
     places = zip(starts.tolist(), firsts.tolist(), lasts.tolist(), ends.tolist(), strict=True)
     each = zip(*(values.tolist() for values in fields.values()), strict=True)
     every = [Place(*at, dict(zip(fields, own, strict=True))) for at, own in zip(places, each, strict=True)]
-    kept = [place for place in every if place.last - place.first > NOTHING]
+    is_whole = starts + pitches - gaps < length + NOTHING
+    pairs = zip(every, is_whole.tolist(), strict=True)
+    kept = [place for place, whole in pairs if whole or place.last - place.first > 2 * place.wall]
     return [place._replace(has_neighbour=number < len(kept)) for number, place in enumerate(kept, 1)]
 
 

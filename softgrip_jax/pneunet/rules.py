@@ -164,7 +164,8 @@ def lowest_of_chambers(finger: PneuNet, parts: Part, line: Line, points: Points)
 
 
 def after_chambers(finger: PneuNet) -> Scalar:
-    """Length of the cover (m) between the last chamber, which the end of a uniform finger may cut, and the tip."""
+    """Length of the cover (m) between the last chamber and the tip: that of a uniform finger which its end cuts is one
+    where room is left between its walls."""
     h_x, h_L = (value if jnp.ndim(value) == 0 else value[-1] for value in (finger.h_x, finger.h_L))
     pitch = 2 * h_x + h_L
     if finger.segments is not None:
@@ -173,7 +174,8 @@ def after_chambers(finger: PneuNet) -> Scalar:
         whole = 0.5 * (room - finger.whole_chambers[-1] * pitch) + h_x
         return jnp.where(finger.whole_chambers[-1] >= 1, whole, room * h_x / pitch)
     left = finger.L - pitch * jnp.floor(finger.L / pitch + ROUNDING)
-    return jnp.where(left > h_x, larger(left - h_x - h_L, 0.0), left + h_x)
+    least = smaller(2 * finger.t_m, h_L)
+    return jnp.where(left - h_x > least, larger(left - h_x - h_L, 0.0), left + h_x)
 
 
 def one_turn(finger: PneuNet, turns: Float[Array, " parts"]) -> Scalar:

@@ -632,7 +632,7 @@ def test_a_wall_that_does_not_fit_is_drawn_and_named():
     line = plots.finger.straight(finger, 0.0)
     ax = Figure().subplots()
     plots.finger.paint_finger(ax, finger, line, plots.finger.inflated(scene, line, 20 * kPa), plots.finger.as_is)
-    assert len(plots.finger.chamber_places(finger)) == 13
+    assert len(plots.finger.chamber_places(finger)) == 12  # the last one, which the end cuts, has no room at all
     (words,) = [text.get_text() for text in ax.get_legend().get_texts()]
     assert words == "walls 3 mm thick do not fit\ninto chambers 4.2 mm long"
 
