@@ -36,6 +36,7 @@ from .descent import (
     Design,
     Evaluator,
     Felt,
+    begun_apart,
     chunk_for,
     designs_at,
     outside_of_bounds,
@@ -180,6 +181,7 @@ def pareto(
     notes = [
         *problem.always_kept(),
         *outside_of_bounds(problem, problem.space.to_unit(problem.space.reference)),
+        *begun_apart(problem),
         *known.felt.sentences(),
     ]
     if len(designs) == 1 and not stopped:
