@@ -35,6 +35,7 @@ from optim.robust.settings import Uncertain
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
+from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, run
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
@@ -483,7 +484,7 @@ def drawn():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, drawn):
     """The run of the command on a shell; read by several tests."""
-    place, draw = tmp_path_factory.mktemp("robust"), sg.plots.convergence
+    place, draw = tmp_path_factory.mktemp("robust"), plots.convergence
     (place / "shell.toml").write_text(CONFIG)
 
     def watched(history, label, title, finished, paths):
@@ -491,7 +492,7 @@ def folder(tmp_path_factory, drawn):
         return draw(history, label, title, finished, paths)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sg.plots, "convergence", watched)
+        patch.setattr(plots, "convergence", watched)
         return run_design(place / "shell.toml", place / "run", Console(quiet=True))
 
 
