@@ -31,7 +31,7 @@ from softgrip_jax.errors import InputError
 from softgrip_jax.folders import DeferInterrupt
 from softgrip_jax.quantities import State
 from softgrip_jax.reasons import Reason
-from softgrip_jax.results import Solution, Status
+from softgrip_jax.results import Solution, Status, in_units
 
 from ..problem import Problem, Scales, Scaling, Score, at_limit
 from ..space import to_free, to_unit
@@ -578,8 +578,8 @@ class SearchResult:
         merged: how many starts came and stayed beside a better one on the way, and were left to it.
         solutions: of the start and of the best design, the states that were solved along the whole way from zero load.
         remarks: sentences for the report: of limits that hold for every state (`Problem.always_kept`), of scales that
-            are not those of the starting design (`Scaling`), of a start outside of the bounds, of goals that no
-            variable changes, and of variables that change nothing.
+            are not those of the starting design (`Scaling`), of a start outside of the bounds, of numbers that are
+            one and begin as several, of goals that no variable changes, and of variables that change nothing.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.SearchResult)][:3]
@@ -699,6 +699,7 @@ def search(
             *problem.always_kept(),
             *scaling.remarks(),
             *outside_of_bounds(problem, reference_t),
+            *begun_apart(problem),
             *felt.sentences(),
         )
         ends, ranks = company.ends(np.asarray(members.best_t), np.asarray(members.best_rank))
@@ -762,6 +763,17 @@ def outside_of_bounds(problem: Problem, reference_t: np.ndarray) -> list[str]:
     if not names:
         return []
     return [f"The start is outside of the bounds of {', '.join(names)}: the search begins from the nearest bound."]
+
+
+def begun_apart(problem: Problem) -> list[str]:
+    """A sentence per number that is one in every design, and that the scenes of the start have at several values."""
+    space, said = problem.space, []
+    at_start = [row for tied in space.leaves_of(space.scenes) for row in np.stack([*map(np.ravel, tied)], axis=1)]
+    for names, kind, values in zip(space.tied, space.kinds, at_start, strict=True):
+        begun = dict.fromkeys(in_units(value, kind) for value in values)
+        if len(begun) > 1:
+            said.append(f"{names} is one number, of which the scenes have {', '.join(begun)}: the start has the first.")
+    return said
 
 
 def _starts(reference: np.ndarray, starts: int, seed: int) -> np.ndarray:

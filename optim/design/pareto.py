@@ -36,6 +36,7 @@ from .descent import (
     Design,
     Evaluator,
     Felt,
+    begun_apart,
     chunk_for,
     designs_at,
     outside_of_bounds,
@@ -177,7 +178,12 @@ def pareto(
     designs, terms = [designs[k] for k in kept], terms[kept]
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
     stopped |= waiting.asked
-    notes = [*outside_of_bounds(problem, problem.space.to_unit(problem.space.reference)), *known.felt.sentences()]
+    notes = [
+        *problem.always_kept(),
+        *outside_of_bounds(problem, problem.space.to_unit(problem.space.reference)),
+        *begun_apart(problem),
+        *known.felt.sentences(),
+    ]
     if len(designs) == 1 and not stopped:
         notes.append("One design is the best in every goal: there is nothing to trade off.")
     return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped, tuple(notes))

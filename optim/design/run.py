@@ -229,7 +229,8 @@ def _write(
         folder / "history.csv",
         [{"step": k + 1} | {name: float(v[k]) for name, v in result.history.items()} for k in range(steps)],
     )
-    _draw(folder, read.scenes, scenes, result)
+    # The robust design stands before the nominal best, to which the steps led.
+    _draw(folder, read.scenes, scenes, result, result.designs[-1] if robust else best)
     summed = _summary(problem, wanted, result)
     if robust:
         summed["robust"] = robust_report.record(problem, result, robust)
@@ -244,7 +245,10 @@ def best_scenes(result: SearchResult) -> dict[str, Scene]:
     return result.problem.scenes_at(result.best.x)
 
 
-def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], result: SearchResult) -> None:
+def _draw(
+    folder: Path, before: dict[str, Scene], after: dict[str, Scene], result: SearchResult, descended: Design
+) -> None:
+    """descended: the best design of the steps that convergence.png shows, once it is finished."""
     # matplotlib takes a second to load: only a run that draws waits for it.
     from softgrip_jax import plots
 
@@ -252,7 +256,7 @@ def _draw(folder: Path, before: dict[str, Scene], after: dict[str, Scene], resul
     history = result.history | {"best_objective": sign * result.history["best_objective"]}
     start = f"{sign * result.reference.objective:.3g}" if result.reference.answered else "no answer"
     label = f"best\n(start: {start})"
-    finished = sign * result.best.objective if result.best.answered and not result.stopped else None
+    finished = sign * descended.objective if descended.answered and not result.stopped else None
     plots.convergence(history, label, title, finished, sign * result.paths).savefig(folder / "convergence.png")
     if result.stopped:
         return  # nobody who stops a run waits for two more programs to be compiled

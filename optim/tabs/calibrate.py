@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import threading
 from functools import partial
-from html import escape
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,7 +21,7 @@ from panel.models.file_dropper import FileDropper
 from softgrip_jax.config.csv_text import cells_of
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.explorer.looks import BLUE, VERMILION
-from softgrip_jax.explorer.page import CSS, Page, table_html
+from softgrip_jax.explorer.page import CSS, Page, list_html, table_html
 from softgrip_jax.explorer.tabs import Line, Newest, chart, ended, side_by_side, told
 from softgrip_jax.progress import Tell
 from softgrip_jax.results import in_units
@@ -284,8 +283,7 @@ class CalibrateTab:
             ends = [interval_text(fit, one, j) for one in findings.intervals]
             rows.append([name, in_units(space.reference[j], kind), in_units(fit.x[j], kind), *ends])
         table = table_html(["", "start", "fit", *(WORDS[one.method] for one in findings.intervals)], rows)
-        said = "".join(f"<li>{escape(remark)}</li>" for remark in findings.remarks)
-        self.table.object = f'{table}<ul class="sg-doc">{said}</ul>'
+        self.table.object = table + list_html(findings.remarks)
         fitted, residuals = fitted_figure(findings, band), residuals_figure(findings)
         residuals.x_range = fitted.x_range
         self.pictures.objects = [side_by_side(fitted), side_by_side(residuals)]

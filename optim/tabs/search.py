@@ -20,7 +20,7 @@ from bokeh.models import ColumnDataSource
 from softgrip_jax.errors import InputError
 from softgrip_jax.explorer.answers import state_of, with_unit
 from softgrip_jax.explorer.looks import BLUE, VERMILION
-from softgrip_jax.explorer.page import CSS, Page, table_html
+from softgrip_jax.explorer.page import CSS, Page, list_html, table_html
 from softgrip_jax.explorer.session import PRESSURE
 from softgrip_jax.explorer.tabs import Line, Newest, Shape, chart, ended, told
 from softgrip_jax.parameters import between
@@ -440,7 +440,7 @@ class SearchTab:
             problem.quantities, problem.kinds, found.reference.values, best.values, strict=True
         ):
             rows.append([problem.label(quantity), in_units(a, kind), in_units(b, kind)])
-        self.table.object = table_html(["", "start", "best"], rows)
+        self.table.object = table_html(["", "start", "best"], rows) + list_html(found.remarks)
 
     def _chart_again(self) -> None:
         """A figure over another variable."""

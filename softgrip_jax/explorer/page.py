@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from html import escape
 from io import BytesIO, StringIO
@@ -77,6 +77,12 @@ def table_html(head: list[str], rows: list[list[str]], classes: tuple[str, ...] 
         ]
         body.append(f"<tr>{''.join(cells)}</tr>")
     return f'<table class="sg">{top}{"".join(body)}</table>'
+
+
+def list_html(sentences: Sequence[str]) -> str:
+    """Sentences one below the other, or nothing; nothing in them is taken for HTML."""
+    items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    return f'<ul class="sg-doc">{items}</ul>' if items else ""
 
 
 def place_of(number: Number, value: float) -> float:

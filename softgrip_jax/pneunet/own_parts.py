@@ -100,8 +100,9 @@ def require_walls(drive: Any, finger: PneuNet) -> None:
     if any(jnp.ndim(value) for value in (finger.H, finger.B, finger.L)):
         return  # several fingers in one, made for vmap
     count, zero = finger.segments or 1, jnp.zeros(())
-    fields = {field: jnp.broadcast_to(getattr(finger, field), (count,)) for field in SEGMENT_FIELDS}
-    chambers = [dataclasses.replace(finger, **{field: v[k] for field, v in fields.items()}) for k in range(count)]
+    with jax.ensure_compile_time_eval():  # under jit, too
+        fields = {field: jnp.broadcast_to(getattr(finger, field), (count,)) for field in SEGMENT_FIELDS}
+        chambers = [dataclasses.replace(finger, **{field: v[k] for field, v in fields.items()}) for k in range(count)]
     begins, ends = drive.contact_pressure, drive.largest_pressure
     single = require_numbers(f"{name}.end_moment", drive, drive.end_moment, chambers[0], zero, zero)
     single &= require_numbers(f"{name}.contact_pressure", drive, begins, chambers[0])

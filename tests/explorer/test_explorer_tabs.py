@@ -19,6 +19,7 @@ from softgrip_jax.units import kPa, mm, unit_key
 
 pytest.importorskip("panel", reason="Panel is missing: pip install softgrip_jax[explore]")
 from optim.calibration.data import heading_of
+from optim.design.descent import Design, SearchResult
 from optim.tabs.calibrate import LARGEST, CalibrateTab, header_of
 from optim.tabs.search import KEEPING, MARGIN, NOTHING, SearchTab
 from softgrip_jax.errors import ConfigError, InputError
@@ -569,6 +570,24 @@ def test_starts_that_have_come_to_one_corner_are_no_fault(page, monkeypatch):
     tab.run()
     page.wait()
     assert tab.line.text == "It came to the second step."
+
+
+def test_what_a_search_remarks_is_shown(page, monkeypatch):
+    """The command printed it; the page had no word about it."""
+    design = Mock(spec=Design, x=np.array([1 * mm, 5 * mm]), values=np.array([4.0, 2.0]), active=(), feasible=True)
+    parts = {"best": design, "reference": design, "solves": 8, "stopped": False}
+
+    def found(problem, evaluator, **_):
+        evaluator(problem, 8)
+        remarks = ("At 15 kPa a < b.", "The start is outside.")
+        return Mock(spec=SearchResult, problem=problem, remarks=remarks, **parts)
+
+    monkeypatch.setattr("optim.tabs.search.search", found)
+    tab = search_tab(page)
+    tab.run()
+    page.wait()
+    assert tab.found is not None, tab.line.text
+    assert "<li>At 15 kPa a &lt; b.</li><li>The start is outside.</li>" in tab.table.object
 
 
 def test_what_has_to_be_compiled_is_said(page):

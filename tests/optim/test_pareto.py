@@ -78,6 +78,13 @@ def test_a_front_of_one_design_says_why():
     assert alone == "One design is the best in every goal: there is nothing to trade off."
 
 
+def test_a_front_says_which_limits_always_hold(monkeypatch):
+    """A search said it of the same limits."""
+    sentence = "limit_margin at 15 kPa at least 0.2 holds for every state that exists."
+    monkeypatch.setattr(Problem, "always_kept", lambda problem: [sentence])
+    assert sentence in pareto(binh_korn(), points=3, starts=8).notes
+
+
 def test_a_front_of_one_design_that_only_a_constraint_keeps_from_a_better_one():
     """Designs that broke the constraint were nearer than the only one on the front, and a traceback was the answer."""
     goals = [lambda x: x[0] + x[1] ** 2, lambda x: 2 * x[0] + x[1] ** 2]

@@ -1,6 +1,7 @@
 """Robust designs: closed forms of a linear problem with normal scatter, plain Monte Carlo by `sg.solve`, derivatives by
 finite differences, distributions by their moments, and what the section [design.uncertain] does not take."""
 
+import csv
 import dataclasses
 import importlib
 import json
@@ -34,6 +35,7 @@ from optim.robust.settings import Uncertain
 from optim.robust.statistics import Wanted, aimed_logit, logit, quantile_weights, smoothed_logit
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
+from softgrip_jax import plots
 from softgrip_jax.cli import NO_ANSWER, run
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError
@@ -474,11 +476,32 @@ distribution = "uniform"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def drawn():
+    """The objectives that pictures of convergence had as "finished"."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, drawn):
     """The run of the command on a shell; read by several tests."""
-    place = tmp_path_factory.mktemp("robust")
+    place, draw = tmp_path_factory.mktemp("robust"), plots.convergence
     (place / "shell.toml").write_text(CONFIG)
-    return run_design(place / "shell.toml", place / "run", Console(quiet=True))
+
+    def watched(history, label, title, finished, paths):
+        drawn.append(finished)
+        return draw(history, label, title, finished, paths)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plots, "convergence", watched)
+        return run_design(place / "shell.toml", place / "run", Console(quiet=True))
+
+
+def test_the_picture_of_convergence_ends_at_the_nominal_best(folder, drawn):
+    """It ended at the robust design, far from all that its steps led to, as if the finish had made them worse."""
+    with (folder / "designs.csv").open() as file:
+        robust, nominal = [float(row["objective"]) for row in csv.DictReader(file)][1:]
+    assert abs(robust) < abs(nominal)
+    np.testing.assert_allclose(np.abs(drawn), abs(nominal), rtol=1e-9)
 
 
 def test_a_run_promises_what_plain_monte_carlo_counts(folder):

@@ -124,6 +124,15 @@ def test_a_start_outside_of_the_bounds_is_named():
     )
 
 
+def test_a_start_at_several_values_of_one_number_is_named(monkeypatch):
+    """A column of the report was about another start than the one that was given."""
+    monkeypatch.setattr(Formulas, "LEAVES", ("shell.a = shell.b", "shell.t_m"))
+    found = search(Formulas([lambda x: x[0] ** 2 + x[1]], [1.0] * 2, [3.0] * 2), starts=2, steps=2)
+    assert found.remarks == (
+        "shell.a = shell.b is one number, of which the scenes have 16 mm, 43 mm: the start has the first.",
+    )
+
+
 def test_the_report_tells_where_the_best_design_is_stretched_too_far():
     """Only of the best design, and by the state; a problem may have states that were not solved for."""
     free = sg.shell.Free(shell())

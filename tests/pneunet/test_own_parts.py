@@ -12,7 +12,7 @@ import pytest
 import softgrip_jax as sg
 from softgrip_jax.errors import InputError
 from softgrip_jax.pneunet import SectionLaw, WallModel
-from softgrip_jax.units import kPa
+from softgrip_jax.units import kPa, mm
 
 FINGER = sg.PneuNet.table_5_1("A")
 
@@ -128,6 +128,16 @@ def test_a_wall_model_begins_and_ends(mistake, said):
     assert sg.pneunet.Free(FINGER, drive=Piston()).drive == Piston()
     with pytest.raises(InputError, match=said):
         sg.pneunet.Free(FINGER, drive=Piston(mistake))
+
+
+@pytest.mark.parametrize("finger", [FINGER, dataclasses.replace(FINGER, t_m=[1.1 * mm, 1.2 * mm])])
+def test_a_wall_model_whose_numbers_are_known_serves_where_others_are_traced(finger):
+    """A trace-back of JAX was the answer: to `jax.grad` by the object, and to a search in which no finger moves."""
+
+    def lifted(offset):
+        return sg.pneunet.TipContact(finger, drive=Piston(), tip_offset=offset).tip_offset
+
+    assert jax.jit(lifted)(1 * mm) == 1 * mm
 
 
 def test_a_finger_has_a_segment():
