@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.scalar_roots import bracketed_root
 from ..reasons import RULE_NAMES, Reason
@@ -21,35 +22,76 @@ Scalar = Float[Array, ""]
 MATCHED = 1e-6
 """Moments (in EI/L) closer than this belong to a root, whose residual is then judged; others to no equilibrium."""
 
+CLOSELY = 1e-9
+"""Of a pressure: how close to it a finger is looked at before and behind it."""
+
 
 def found(scene: Any, pressure: Scalar) -> Found:
     """The state at a pressure: the moment of every part, explicit or, where walls incline, by the path of each part."""
-    each = _each(scene, pressure)
-    residual, observed = scene.evaluated(each.unknowns, pressure)
-    # Beyond the section's reach the moments do not match, or are NaN.
-    carried = jnp.all(jnp.isfinite(scene.turns(each.unknowns)[0]))
-    ended = jnp.any(each.status != Status.OK)
-    curled = scene.passed(observed) > 0
-    exists = jnp.all(jnp.abs(residual) < MATCHED) & ~curled & ~ended
+    parts, _ = scene.chambers()
     end = scene.pressure_span().end
-    closed = pressure > end
+    reached = jnp.minimum(pressure, end)
+    each = _each(scene, reached)
+    unknowns = scene.ruled(each.unknowns, parts)
+    residual, observed = scene.evaluated(unknowns, reached)
+    ended = jnp.any(each.status != Status.OK)
+    # Beyond the section's reach the moments do not match, or are NaN.
+    exists = jnp.all(jnp.abs(residual) < MATCHED) & ~(scene.passed(observed) > 0) & ~ended
     # The part that ends first.
     places = jnp.nan_to_num(jnp.asarray(each.detail), nan=jnp.inf, posinf=jnp.inf)
     first = jnp.argmin(jnp.where(each.status == Status.OK, jnp.inf, places))
     first = jnp.where(jnp.any(jnp.isfinite(places)), first, jnp.argmax(each.status != Status.OK))
+    failed_at = jnp.where(ended & jnp.isfinite(places[first]), places[first], reached)
+    moments = _rising(scene, each.unknowns)
+    passed_at = _passed_at(scene, moments, jnp.where(exists, 0 * reached, failed_at))
+    part_ended = ended & ~(passed_at < (1 - CLOSELY) * failed_at)
+    carried = jnp.all(jnp.isfinite(scene.turns(moments((1 + CLOSELY) * passed_at))[0]))
     cases = [
-        (exists, Status.OK, 0, jnp.nan),
-        (closed, Status.BEYOND_LIMIT, scene.end_reason(), end),
-        (ended, each.status[first], jnp.asarray(each.reason)[first], jnp.asarray(each.detail)[first]),
-        (~carried, Status.BEYOND_LIMIT, Reason.SECTION_FULL, jnp.nan),
-        (jnp.asarray(True), Status.BEYOND_LIMIT, Reason.CURLED_UP, jnp.nan),
+        (exists & (pressure <= end), Status.OK, 0, jnp.nan),
+        (exists, Status.BEYOND_LIMIT, scene.end_reason(), end),
+        (part_ended, each.status[first], jnp.asarray(each.reason)[first], jnp.asarray(each.detail)[first]),
+        (~carried, Status.BEYOND_LIMIT, Reason.SECTION_FULL, passed_at),
+        (jnp.asarray(True), Status.BEYOND_LIMIT, Reason.CURLED_UP, passed_at),
     ]
     here = [case[0] for case in cases]
     status, reason, detail = (jnp.select(here, [jnp.asarray(case[k]) for case in cases]) for k in (1, 2, 3))
-    possible = scene.can_exist()
-    status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
+    possible, held = scene.can_exist(), _is_held(scene)
+    status = jnp.where(possible & held, status, Status.IMPOSSIBLE)
+    reason = jnp.where(possible, jnp.where(held, reason, int(Reason.LOAD_NOT_HELD)), 0)
+    detail = jnp.where(possible & held, detail, jnp.nan)
     taken = jnp.max(each.iterations)
-    return asked_for(pressure, Found(each.unknowns, pressure, status, taken, reason=reason, detail=detail))
+    return asked_for(pressure, Found(unknowns, pressure, status, taken, reason=reason, detail=detail))
+
+
+def _is_held(scene: Any) -> Bool[Array, ""]:
+    """False where the weight alone curls the finger up, or is more than its cover carries."""
+    if scene.combination == "sum" or scene.weight is None:
+        return jnp.asarray(True)
+    return scene.passed(scene.evaluated(scene.unloaded_state(), jnp.zeros_like(scene.finger.L))[1]) <= 0
+
+
+def _rising(scene: Any, most: Array) -> Callable[[Scalar], Array]:
+    """Pressure -> the moments of all parts, whose own rise with it up to `most`."""
+    parts, _ = scene.chambers()
+
+    def moments(pressure):
+        if not scene.inclines():
+            return scene.applied(parts.chamber, 0 * parts.low, pressure)
+        there = jax.vmap(lambda *part: _balanced(scene, pressure, *part))(most, parts.chamber, parts.high - parts.low)
+        return scene.ruled(there, parts)
+
+    return moments
+
+
+def _passed_at(scene: Any, moments: Callable[[Scalar], Array], end: Scalar) -> Scalar:
+    """The pressure from which the finger is curled up, or its cover carries no larger moment; `end` where neither is
+    so below it."""
+
+    def excess(pressure):
+        passed = scene.passed(scene.evaluated(moments(pressure), pressure)[1])
+        return jnp.where(jnp.isnan(passed), jnp.inf, passed)
+
+    return bracketed_root(excess, 0 * end, end).x
 
 
 def limit(scene: Any) -> Found:
@@ -72,7 +114,7 @@ def limit(scene: Any) -> Found:
     pressure = bracketed_root(excess, 0 * end, jnp.where(curled, end, 0 * end)).x
     pressure = jnp.where(curled, pressure, end)
     reason = jnp.where(curled, int(Reason.CURLED_UP), jnp.asarray(ends.reason)[first])
-    status = jnp.where(scene.can_exist(), ends.status[first], Status.IMPOSSIBLE)
+    status = jnp.where(scene.can_exist() & _is_held(scene), ends.status[first], Status.IMPOSSIBLE)
     return Found(moments(pressure), pressure, status, jnp.max(ends.iterations), reason=reason)
 
 
@@ -98,21 +140,15 @@ def _balanced(scene: Any, pressure: Scalar, most: Scalar, chamber: Any, length: 
 
 
 def _each(scene: Any, pressure: Scalar) -> Found:
-    """The moments of all parts at a pressure, and what became of each."""
+    """The own moments of all parts at a pressure, and what became of each."""
+    parts, _ = scene.chambers()
     if scene.inclines():
         alone = frozen(_alone(scene))
         each = jax.vmap(lambda one: one.solver().find(one, pressure, None))(alone)
-        return each._replace(unknowns=_of_whole(scene, each.unknowns))
-    parts, _ = scene.chambers()
+        return each._replace(unknowns=each.unknowns[:, 0] / (parts.high - parts.low))
     moments = scene.applied(parts.chamber, jnp.zeros_like(parts.low), pressure)
     fine, none = jnp.full(moments.shape, int(Status.OK)), jnp.zeros(moments.shape, int)
     return Found(moments, pressure, fine, none, reason=none, detail=none * jnp.nan)
-
-
-def _of_whole(scene: Any, moments: Array) -> Array:
-    """Moments of parts alone, (parts, 1), as unknowns of the scene."""
-    parts, _ = scene.chambers()
-    return scene.ruled(moments[:, 0] / (parts.high - parts.low), parts)
 
 
 def _alone(scene: Any) -> Any:

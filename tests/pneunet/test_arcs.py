@@ -122,6 +122,22 @@ def test_the_larger_moment_where_walls_incline(pressure):
     assert not all(ruled)
 
 
+@pytest.mark.parametrize(
+    ("segments_of", "times"), [({}, [1.01, 2.0, 5.0]), ({"a": jnp.array([5.0, 5.2]) * mm, "L": 200 * mm}, [1.01, 1.6])]
+)
+def test_beyond_two_turns_the_first_end_is_named(segments_of, times):
+    """No pressure was named; from 1.5 of it on the end was that of the cover or of one part, farther up."""
+    options = {} if segments_of else {"inclination": "none"}
+    scene = sg.pneunet.Free(dataclasses.replace(A, **segments_of), weight=None, **options)
+    angle = jax.jit(lambda p: sg.solve(scene, p).tip_angle)
+    inside = 60.7 * kPa if not segments_of else 73.3 * kPa
+    assert 12.4 < float(angle(inside)) < 4 * np.pi
+    end = inside + (4 * np.pi - float(angle(inside))) / float((angle(inside) - angle(0.999 * inside)) / (1e-3 * inside))
+    beyond = sg.path(scene, end * np.array(times))
+    np.testing.assert_array_equal(beyond.reason, Reason.CURLED_UP)
+    np.testing.assert_allclose(beyond.detail, end, rtol=1e-5)
+
+
 def test_the_larger_moment_knows_no_tip_load():
     """It had no part in the answer."""
     with pytest.raises(InputError, match="leave out tip_load"):
@@ -134,6 +150,14 @@ def test_the_larger_moment_has_a_limit():
     scene = sg.pneunet.Free(segments(5, 5), weight=(0.0, -2.0), combination="larger", inclination="none")
     alone = sg.pneunet.Free(segments(5, 5), weight=None, inclination="none")
     assert float(sg.limit_pressure(scene)) == pytest.approx(float(sg.limit_pressure(alone)), rel=1e-9)
+
+
+def test_a_weight_that_alone_curls_the_finger_up_is_not_held():
+    """By (4.42) each half has turned by M L / 2 EI, 20 rad and more. The limit was minus infinity."""
+    scene = sg.pneunet.Free(segments(5, 5.2, L=200 * mm), weight=(0.0, -2.0), combination="larger", inclination="none")
+    assert np.isnan(float(sg.limit_pressure(scene)))
+    found = sg.solve(scene, 20 * kPa)
+    assert (int(found.status), int(found.reason)) == (Status.IMPOSSIBLE, Reason.LOAD_NOT_HELD)
 
 
 def test_no_gap_is_the_limit_of_small_ones_without_the_root():
