@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.scalar_roots import bracketed_root
 from ..reasons import RULE_NAMES, Reason
@@ -46,10 +46,19 @@ def found(scene: Any, pressure: Scalar) -> Found:
     ]
     here = [case[0] for case in cases]
     status, reason, detail = (jnp.select(here, [jnp.asarray(case[k]) for case in cases]) for k in (1, 2, 3))
-    possible = scene.can_exist()
-    status, reason = jnp.where(possible, status, Status.IMPOSSIBLE), jnp.where(possible, reason, 0)
+    possible, held = scene.can_exist(), _is_held(scene)
+    status = jnp.where(possible & held, status, Status.IMPOSSIBLE)
+    reason = jnp.where(possible, jnp.where(held, reason, int(Reason.LOAD_NOT_HELD)), 0)
+    detail = jnp.where(held, detail, jnp.nan)
     taken = jnp.max(each.iterations)
     return asked_for(pressure, Found(each.unknowns, pressure, status, taken, reason=reason, detail=detail))
+
+
+def _is_held(scene: Any) -> Bool[Array, ""]:
+    """False where the weight alone curls the finger up, or is more than its cover carries."""
+    if scene.combination == "sum" or scene.weight is None:
+        return jnp.asarray(True)
+    return scene.passed(scene.evaluated(scene.unloaded_state(), jnp.zeros_like(scene.finger.L))[1]) <= 0
 
 
 def limit(scene: Any) -> Found:
@@ -72,7 +81,7 @@ def limit(scene: Any) -> Found:
     pressure = bracketed_root(excess, 0 * end, jnp.where(curled, end, 0 * end)).x
     pressure = jnp.where(curled, pressure, end)
     reason = jnp.where(curled, int(Reason.CURLED_UP), jnp.asarray(ends.reason)[first])
-    status = jnp.where(scene.can_exist(), ends.status[first], Status.IMPOSSIBLE)
+    status = jnp.where(scene.can_exist() & _is_held(scene), ends.status[first], Status.IMPOSSIBLE)
     return Found(moments(pressure), pressure, status, jnp.max(ends.iterations), reason=reason)
 
 

@@ -559,6 +559,20 @@ class FingerScene(PathEquations, Scene):
         return LoadPath(*numbers, jnp.where(self.is_unloaded(), EARLY, LATER))
 
     def spent(self, unknowns, pressure):
+        return self._spent_walls(unknowns, pressure) | self._spent_cover(unknowns, pressure)
+
+    def _spent_cover(self, unknowns: Array, pressure: Scalar) -> dict[Reason, Scalar]:
+        """How near to its lock the cover is where it is bent most."""
+        law = self.law()
+        if self.is_cell() or self.is_arcs() or not law.locks():
+            return {}
+        bent = self.seen(unknowns, pressure)
+        line = bent.line
+        assert isinstance(line, Line)
+        every = (jnp.ravel(v) for v in (line.moment, bent.cover.slenderness * line.curvature, line.stretch))
+        return {Reason.SECTION_FULL: largest(jax.vmap(law.used_up)(*every))}
+
+    def _spent_walls(self, unknowns: Array, pressure: Scalar) -> dict[Reason, Scalar]:
         """The pressure over what the walls hold where they are most inclined."""
         if not self.inclines() or isinstance(self.drive, WallModel):
             return {}

@@ -136,6 +136,14 @@ def test_the_larger_moment_has_a_limit():
     assert float(sg.limit_pressure(scene)) == pytest.approx(float(sg.limit_pressure(alone)), rel=1e-9)
 
 
+def test_a_weight_that_alone_curls_the_finger_up_is_not_held():
+    """By (4.42) each half has turned by M L / 2 EI, 20 rad and more. The limit was minus infinity."""
+    scene = sg.pneunet.Free(segments(5, 5.2, L=200 * mm), weight=(0.0, -2.0), combination="larger", inclination="none")
+    assert np.isnan(float(sg.limit_pressure(scene)))
+    found = sg.solve(scene, 20 * kPa)
+    assert (int(found.status), int(found.reason)) == (Status.IMPOSSIBLE, Reason.LOAD_NOT_HELD)
+
+
 def test_no_gap_is_the_limit_of_small_ones_without_the_root():
     """The moment was divided by the root of (4.39), which vanishes with the gap."""
     made = [dataclasses.replace(A, h_x=h) for h in (0.0, 1e-9)]

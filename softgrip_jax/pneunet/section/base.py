@@ -71,6 +71,10 @@ class SectionLaw(eqx.Module):
         """A number that rises through zero where the section carries no more, of its moment and its state."""
         return jnp.abs(m) / self.largest_moment - 1
 
+    def locks(self) -> bool:
+        """Whether it ends at a finite curvature, as a number that `used_up` tells."""
+        return False
+
     def axis(self) -> int | None:
         """0 where every part of a beam has a law of its own, stacked in one; None where all have the same."""
         return None

@@ -75,9 +75,12 @@ class ExactQuadrature(SectionLaw):
     def used_up(self, m, z, stretch):
         """Where an outer fibre locks: the points, all inside, carry a finite moment there. Nothing is known of a
         material that does not say how near it is to its lock."""
-        if type(self.material).stretchable is Material.stretchable:
+        if not self.locks():
             return super().used_up(m, z, stretch)
         return -smallest(self._outer_fibres(z, stretch)[1])
+
+    def locks(self):
+        return type(self.material).stretchable is not Material.stretchable
 
     def _outer_fibres(self, z: Scalar, stretch: Scalar) -> tuple[Bool[Array, ""], Array]:
         """Whether both exist, and what is left of each before it locks."""
