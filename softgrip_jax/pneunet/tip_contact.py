@@ -69,15 +69,16 @@ class HeldTip(NamedTuple):
         return own
 
     def verified(self, scene: FingerScene, found: Found) -> Found:
-        """NO_CONTACT where only a pull would keep the tip there, with the force that is missing as its detail."""
+        """NO_CONTACT where only a pull would keep the tip there; the force that is missing is its detail."""
         if not self.only_presses:
             return found
         held = lax.stop_gradient(found.unknowns[0])
         apart = (found.status == Status.OK) & ~(held > TOUCHING)
+        missing = jnp.where(held < -TOUCHING, -held * lax.stop_gradient(scene.held_unit()), jnp.nan)
         return found._replace(
             status=jnp.where(apart, Status.NO_CONTACT, found.status),
             reason=jnp.where(apart, int(Reason.TIPS_APART), found.reason),
-            detail=jnp.where(apart, -held * lax.stop_gradient(scene.held_unit()), found.detail),
+            detail=jnp.where(apart, missing, found.detail),
         )
 
     def loads(self, scene: FingerScene, held: Scalar, load_factor: Scalar) -> Loads:

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 
 import softgrip_jax as sg
 from softgrip_jax.reasons import Reason
+from softgrip_jax.scene import Found
 from softgrip_jax.units import gram, kPa, mm
 
 OK, NO_CONTACT, BEYOND, IMPOSSIBLE = (
@@ -44,6 +45,20 @@ def test_a_grasp_never_pulls():
     assert abs(force) < 1e-6 * UNIT
     # No force is asked for, or one that pulls: no pressure answers that.
     assert int(sg.pressure_for(scene, tip_force=0.0).status) == NO_CONTACT
+
+
+def test_a_force_that_is_rounding_is_not_told_as_a_pull():
+    """`pressure_for` of no force said that the tip would have to be pulled with 3.7e-31 N."""
+    scene = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), hold="press")
+
+    def told(force):
+        held = Found(jnp.array([force]) / scene.held_unit(), jnp.asarray(2e4), jnp.asarray(OK), jnp.asarray(0))
+        apart = scene.tip().verified(scene, held)
+        assert int(apart.status) == NO_CONTACT
+        return Reason(int(apart.reason)).text(float(apart.detail))
+
+    assert told(-4e-31) == told(0.0) == "the tip does not press, and the force is exactly zero"
+    assert "pulled with 0.0003 N" in told(-3e-4)
 
 
 def limits_of(cases):
