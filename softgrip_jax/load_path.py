@@ -48,7 +48,7 @@ class LoadPath(eqx.Module):
     def coordinate_of(self, pressure: Scalar) -> Scalar:
         """The last entry of u at a pressure."""
         x = jnp.maximum(pressure - self.begin, 0) / self.step
-        return self.loading + x * (1 - (LATER - self.early) / (x + LATER))  # inf at inf: some walls have no end
+        return self.loading + x / (1 + (LATER - self.early) / (x + self.early))  # inf at inf: some walls have no end
 
     def last(self) -> Scalar:
         """The coordinate of `end`."""

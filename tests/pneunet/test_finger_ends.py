@@ -1,6 +1,7 @@
 """Where a free finger ends before any fold: rolled up, with its inclined walls closed, with its section full."""
 
 import dataclasses
+from fractions import Fraction
 
 import jax
 import jax.numpy as jnp
@@ -149,3 +150,6 @@ def test_a_way_without_end_has_all_of_its_places():
     way = LoadPath(zero, zero, zero + 1, zero + jnp.inf, zero + 1e-3)
     assert way.last() == jnp.inf
     np.testing.assert_allclose(way.pressure_at(way.coordinate_of(jnp.asarray(7.0))[None]), 7.0, rtol=1e-14)
+    x, early = Fraction(1e-6), Fraction(1e-3)
+    place = float(x * (x + early) / (x + 2))
+    np.testing.assert_allclose(way.coordinate_of(jnp.asarray(1e-6)), place, rtol=1e-15)
