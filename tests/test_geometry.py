@@ -33,7 +33,7 @@ def pressed():
     "changed", [{"L": 72.0}, {"L": 72.5}, {"L": 77.0}, {"L": 20.0, "h_x": np.array([0.7, 0.8, 0.9])}]
 )
 def test_the_last_chamber_has_no_neighbour(changed):
-    """Nor where it ends with the finger or a gap before: its wall at the tip has no plane to lie flat on."""
+    """Its wall at the tip has no plane to lie flat on, wherever the finger ends behind it."""
     finger = dataclasses.replace(sg.PneuNet.table_5_1("A"), **{name: value * mm for name, value in changed.items()})
     *others, last = chamber_places(finger)
     assert all(place.has_neighbour for place in others)

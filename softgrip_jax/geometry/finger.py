@@ -26,8 +26,6 @@ from .walls import TOUCHES, outlines, small_strain_outline, thick, wall_behind, 
 POINTS = 201
 """Points along a finger: a chord is off the line by less than 0.01 mm."""
 Line = dict[str, np.ndarray]
-NOTHING = 1e-9
-"""mm: a chamber that the end of the finger cuts to less is none."""
 
 
 def line_of(solution: Solution) -> Line:
@@ -59,11 +57,11 @@ class Place(NamedTuple):
     """A chamber on a finger without pressure, mm along the middle line, and its own numbers."""
 
     begin: float
-    """Where its segment begins, and so the plane that its first wall presses on."""
+    """The plane that its first wall presses on."""
     first: float
     last: float
     end: float
-    """Where its segment ends, or the finger."""
+    """The plane that its last wall presses on."""
     fields: dict[str, float]
     """Its a, b, h_x, t_m, h_L, m."""
     has_neighbour: bool = True
@@ -81,38 +79,28 @@ class Place(NamedTuple):
 
     @property
     def fits(self) -> bool:
-        """Whether the chamber, where the end of the finger does not cut it, has room between its walls."""
+        """Whether the chamber has room between its walls."""
         return self.fields["h_L"] > 2 * self.fields["t_m"]
 
 
 def chamber_places(finger: PneuNet) -> list[Place]:
-    """Every chamber; that of a uniform finger which its end cuts is one where room is left between its walls."""
-    length = float(finger.L) / mm
-    numbers = {name: np.asarray(getattr(finger, name)) for name in SEGMENT_FIELDS}
-    if finger.segments is None:
-        pitch = float(finger.pitch) / mm
-        starts = np.arange(0.0, length - NOTHING, pitch)
-        pitches = np.full(starts.shape, pitch)
-    else:
-        # Whole chambers in the middle of their segment, as a mould has them; one that is squeezed fills it.
-        counts = np.maximum(np.asarray(finger.whole_chambers).astype(int), 1)
-        numbers = {name: np.repeat(np.broadcast_to(values, counts.shape), counts) for name, values in numbers.items()}
-        lengths, own = np.asarray(finger.segment_lengths) / mm, np.broadcast_to(finger.pitch / mm, counts.shape)
-        taken = np.minimum(own, lengths)
-        before = np.cumsum(lengths) - lengths + 0.5 * (lengths - counts * taken)
-        pitches = np.repeat(taken, counts)
-        starts = np.concatenate([at + pitch * np.arange(n) for at, pitch, n in zip(before, taken, counts, strict=True)])
-    fields = {name: np.broadcast_to(values, starts.shape) for name, values in numbers.items()}
+    """Every chamber: whole ones in the middle of their segment, as a mould has them; one that is squeezed fills it. A
+    uniform finger is one segment."""
+    lengths = np.asarray(finger.segment_lengths) / mm
+    counts = np.maximum(np.asarray(finger.whole_chambers).astype(int), 1)
+    pitches = np.minimum(np.broadcast_to(finger.pitch / mm, counts.shape), lengths)
+    before = np.cumsum(lengths) - lengths + 0.5 * (lengths - counts * pitches)
+    each = zip(before, pitches, counts, strict=True)
+    starts = np.concatenate([at + pitch * np.arange(count) for at, pitch, count in each])
+    pitches = np.repeat(pitches, counts)
+    numbers = {name: np.broadcast_to(getattr(finger, name), counts.shape) for name in SEGMENT_FIELDS}
+    fields = {name: np.repeat(values, counts) for name, values in numbers.items()}
     gaps = pitches * fields["h_x"] / (2 * fields["h_x"] + fields["h_L"])
-    firsts, ends = starts + gaps, np.minimum(starts + pitches, length)
-    lasts = np.minimum(starts + pitches - gaps, length)
+    firsts, lasts, ends = starts + gaps, starts + pitches - gaps, starts + pitches
     places = zip(starts.tolist(), firsts.tolist(), lasts.tolist(), ends.tolist(), strict=True)
     each = zip(*(values.tolist() for values in fields.values()), strict=True)
     every = [Place(*at, dict(zip(fields, own, strict=True))) for at, own in zip(places, each, strict=True)]
-    is_whole = starts + pitches - gaps < length + NOTHING
-    pairs = zip(every, is_whole.tolist(), strict=True)
-    kept = [place for place, whole in pairs if whole or place.last - place.first > 2 * place.wall]
-    return [place._replace(has_neighbour=number < len(kept)) for number, place in enumerate(kept, 1)]
+    return [place._replace(has_neighbour=number < len(every)) for number, place in enumerate(every, 1)]
 
 
 def boxes(line: Line, finger: PneuNet, places: list[Place]) -> np.ndarray:

@@ -110,13 +110,14 @@ class PneuNet(Checked):
 
     @property
     def segment_lengths(self) -> Float[Array, " n"]:
-        """Cover length of each segment of a nonuniform finger, m: L shared in proportion to the pitch."""
+        """Cover length of each segment, m: L shared in proportion to the pitch. A uniform finger is one segment."""
         pitch = jnp.broadcast_to(self.pitch, (self.segments or 1,))
         return self.L * pitch / jnp.sum(pitch)
 
     @property
     def whole_chambers(self) -> Float[Array, " n"]:
-        """How many whole chambers fit into each segment of a nonuniform finger: one, where L is the sum of pitches."""
+        """How many whole chambers fit into each segment: one, where L is the sum of pitches. A uniform finger is one
+        segment."""
         return jnp.floor(self.segment_lengths / self.pitch + ROUNDING)
 
     def moment_scale(self) -> Scalar:

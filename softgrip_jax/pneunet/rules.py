@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from ..numerics.choice import larger, largest, smaller, smallest
 from ..numerics.quadrature import Points, between, integrals
 from ..units import mm
-from .beam.collocation import AtPoints, Line, Part
-from .finger import ROUNDING, PneuNet
+from .beam.collocation import AtPoints, Line, Part, at_place
+from .finger import PneuNet
 
 Scalar = Float[Array, ""]
 
@@ -70,10 +70,11 @@ def gap_over(turn: Array, pitch: Array, length: Array, height: Array, foot: Scal
 def chambers_apart(finger: PneuNet, parts: Part, curvature: AtPoints, points: Points) -> Scalar:
     """The least gap (m) between neighbouring chambers of a bent finger, which has the curvatures L theta'.
 
-    Neighbours of a uniform finger meet anywhere from one pitch after the clamp to one before the tip, for its last
-    chamber may be cut by its end. Those of a nonuniform finger meet where its segments do; there the turn is the mean
-    of the two, and the gap is the sum of what each keeps from the plane between them, below the lower of the two tops.
-    Within a segment of several chambers neighbours are one pitch apart, and the largest curvature of it counts.
+    Neighbours of a uniform finger are taken to meet anywhere from one pitch after the clamp to one before the tip: a
+    mould that leaves more cover at either end has them within that. Those of a nonuniform finger meet where its
+    segments do; there the turn is the mean of the two, and the gap is the sum of what each keeps from the plane between
+    them, below the lower of the two tops. Within a segment of several chambers neighbours are one pitch apart, and the
+    largest curvature of it counts.
     """
 
     def at(values: Array, place: Scalar) -> Scalar:
@@ -154,28 +155,24 @@ def end_inside(line: Line, depth: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def lowest_of_chambers(finger: PneuNet, parts: Part, line: Line, points: Points) -> Scalar:
-    """The largest x (m) of the tops of the chambers, as a line at z = H/2 + 2a up to the end of the last chamber."""
+    """The largest x (m) of the tops of the chambers, as a line at z = H/2 + 2a up to the end of the last chamber, of a
+    finger that leaves its clamp along x."""
     fields, widths = parts.chamber.fields, parts.high - parts.low
-    top, bare = -(0.5 * finger.H + 2 * fields["a"]) / finger.L, after_chambers(finger) / finger.L
+    top, last = -(0.5 * finger.H + 2 * fields["a"]) / finger.L, 1 - after_chambers(finger) / finger.L
     x = line_inside(line, parts, top, points)[0]
     places = (parts.low[:, None] + widths[:, None] * points.places[None]).reshape(-1)
-    corner = end_inside(line, top[-1])[0] - bare * jnp.cos(line.angles[-1])
-    return finger.L * larger(largest(jnp.where(places < 1 - bare, x, corner)), corner)
+    foot, _, theta, _ = at_place(line, parts, jnp.zeros_like(last), last, points)
+    corner = foot + top[-1] * jnp.sin(theta)
+    return finger.L * larger(largest(jnp.where(places < last, x, corner)), corner)
 
 
 def after_chambers(finger: PneuNet) -> Scalar:
-    """Length of the cover (m) between the last chamber and the tip: that of a uniform finger which its end cuts is one
-    where room is left between its walls."""
+    """Length of the cover (m) between the last chamber and the tip; a chamber that is squeezed keeps its share of the
+    gap."""
     h_x, h_L = (value if jnp.ndim(value) == 0 else value[-1] for value in (finger.h_x, finger.h_L))
-    pitch = 2 * h_x + h_L
-    if finger.segments is not None:
-        # One that is squeezed keeps its share of the gap.
-        room = finger.segment_lengths[-1]
-        whole = 0.5 * (room - finger.whole_chambers[-1] * pitch) + h_x
-        return jnp.where(finger.whole_chambers[-1] >= 1, whole, room * h_x / pitch)
-    left = finger.L - pitch * jnp.floor(finger.L / pitch + ROUNDING)
-    least = smaller(2 * finger.t_m, h_L)
-    return jnp.where(left - h_x > least, larger(left - h_x - h_L, 0.0), left + h_x)
+    pitch, room = 2 * h_x + h_L, finger.segment_lengths[-1]
+    whole = 0.5 * (room - finger.whole_chambers[-1] * pitch) + h_x
+    return jnp.where(finger.whole_chambers[-1] >= 1, whole, room * h_x / pitch)
 
 
 def one_turn(finger: PneuNet, turns: Float[Array, " parts"]) -> Scalar:
