@@ -131,7 +131,7 @@ class Fit:
         scale = np.sqrt(weight) / np.asarray(self.member.sigma)[self.fitting.of_curve]
         return np.where(weight > 0, slopes.T * scale, 0.0).T
 
-    def quantiles(self, along: np.ndarray, variance: np.ndarray | None = None) -> np.ndarray:
+    def quantiles(self, along: np.ndarray, variance: np.ndarray | None = None, stated: bool = True) -> np.ndarray:
         """Standard deviations on each side of the interval of combinations of the scaled parameters, one per row.
 
         Normal where every noise is stated and the loss is linear, else Student's t. Each noise that is estimated is
@@ -139,15 +139,17 @@ class Fit:
         parts of the variance. With a robust loss the errors of all points tell the variance of curves with a stated
         noise, too.
         variance: of every combination, where more is behind it than the noise of the curves.
+        stated: False takes noises that are stated as estimated, too.
         """
         fitting = self.fitting
+        known = fitting.known & stated
         of_curve = np.arange(len(fitting.curves))[:, None] == fitting.of_curve
         free = self.freedoms
         factor = float(self.robust_factors.covariance)
         parts = factor * (along @ np.linalg.pinv(self.rows, rcond=DETERMINED)) ** 2 @ of_curve.T
-        unsure = np.where(fitting.known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
+        unsure = np.where(known, 0.0, parts**2 / np.maximum(free, 1.0)).sum(axis=1)
         if fitting.loss != "linear":
-            unsure += parts[:, fitting.known].sum(axis=1) ** 2 / max(free.sum(), 1.0)
+            unsure += parts[:, known].sum(axis=1) ** 2 / max(free.sum(), 1.0)
         whole = parts.sum(axis=1) if variance is None else variance
         freedom = np.divide(whole**2, unsure, out=np.full(len(along), np.inf), where=unsure > 0)
         return stats.t.ppf(0.5 + 0.5 * CONFIDENCE, freedom)
@@ -166,6 +168,11 @@ class Fit:
         """The parameters in SI after a change of the scaled ones: log parameters grow by its exponential."""
         with np.errstate(over="ignore"):
             return np.where(self.fitting.space.is_log, self.x * np.exp(change), self.x + self.scales * change)
+
+    def change_to(self, x: np.ndarray) -> np.ndarray:
+        """The change of the scaled parameters that leads to others (SI, one row each); undone by `shifted`."""
+        log = self.fitting.space.is_log
+        return np.where(log, np.log(np.where(log, x / self.x, 1.0)), (x - self.x) / self.scales)
 
     @property
     def low(self) -> np.ndarray:

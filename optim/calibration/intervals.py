@@ -3,9 +3,9 @@
     gauss_newton    x +- t sd from the covariance (J^T W J)^-1: instant; exact for a model that is linear over the
                     interval and noise that is normal.
     bootstrap       fits to points drawn with replacement within every curve, percentiles of them (Efron 1979): no
-                    normal noise, and no noise that is the same everywhere, is assumed. The percentiles are those
-                    of Hesterberg (2015): with n points and m parameters drawn points scatter by (n - m) / n of what
-                    measured ones do, and the noise is known as well as Student's t has it.
+                    normal noise, and no noise that is the same everywhere, is assumed, nor one that is stated. Drawn
+                    points scatter less than measured ones, and tell the noise only as well as Student's t has it
+                    (Hesterberg 2015): the fits are stretched about the best one by both, see `_stretch`.
     profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
                     model that is not linear, and says where an interval has no end. The cost of a robust loss is
                     no likelihood, and is divided by what it scatters by (Schrader and Hettmansperger 1980).
@@ -28,7 +28,8 @@ from softgrip_jax.progress import Tell, silent
 from softgrip_jax.spread import Spread
 
 from ..space import to_free
-from .fit import Fit, run_members
+from .fit import CONFIDENCE, Fit, run_members
+from .model import DETERMINED
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
 
@@ -74,7 +75,7 @@ def intervals(
         InputError: for another method.
 
     Source: Seber and Wild 2003; Efron and Tibshirani 1993; Hesterberg 2015, What Teachers Should Know About the
-        Bootstrap, The American Statistician 69, 4.2 (expanded percentiles).
+        Bootstrap, The American Statistician 69, 4.2 (how much too narrow plain percentiles are).
 
     Examples:
         >>> strain = np.linspace(0.1, 1.0, 10)
@@ -97,19 +98,55 @@ def intervals(
 
 
 def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: Spread | None = None) -> Intervals:
-    """Expanded percentiles of fits to resampled points; noises stay as in the fit."""
+    """Percentiles of fits to resampled points, stretched about the fit; noises stay as in the fit."""
+    nothing = np.full(fit.fitting.space.size, np.nan)
+    stretch = _stretch(fit)
+    if not np.all(np.isfinite(stretch)):
+        return Intervals("bootstrap", nothing, nothing, (TOO_FEW,))
     draws = bootstrap_fits(fit, repeats, seed, report, spread)
     kept = draws[np.all(np.isfinite(draws), axis=1)]
     notes = []
     if len(kept) < MIN_CONVERGED * repeats:
         notes.append(f"Only {len(kept)} of {repeats} bootstrap fits converged: its intervals mean little.")
     if len(kept) < 2:
-        nothing = np.full(draws.shape[1], np.nan)
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
-    points = fit.freedom + fit.fitting.space.size
-    tails = stats.norm.sf(fit.quantile * np.sqrt(points / max(fit.freedom, 1)))
-    low, high = np.transpose([np.quantile(own, [tail, 1 - tail]) for own, tail in zip(kept.T, tails, strict=True)])
+    tail = 0.5 * (1 - CONFIDENCE)
+    low, high = fit.shifted(stretch * np.quantile(fit.change_to(kept), [tail, 1 - tail], axis=0))
     return Intervals("bootstrap", low, high, tuple(notes))
+
+
+TOO_FEW = "The bootstrap has no intervals: no curve that tells a parameter has two points to draw from."
+
+
+def _stretch(fit: Fit) -> np.ndarray:
+    """How much further measured points scatter every parameter than drawn ones; inf where drawn ones do not at all.
+
+    With J_k the derivatives of the weighted residuals of curve k, J those of all curves, h the leverages of the points,
+    C = (J^T J)^-1 and A_k = J_k^T J_k, a linear model with normal noise has covariance C, and its fits to drawn points
+    have on the average
+
+        C (sum_i (1 - h_i) J_i J_i^T - sum_k (A_k - A_k C A_k) / n_k) C
+
+    The ratio of the deviations is times Student's t over the normal quantile, with every noise taken as estimated.
+    """
+    rows, of_curve = fit.rows, fit.fitting.of_curve
+    u, s, vt = np.linalg.svd(rows, full_matrices=False)
+    told = s > DETERMINED * s.max()
+    u, back = u * told, vt.T * np.where(told, 1 / np.where(told, s, 1.0), 0.0)
+    drawn = (u * (1 - np.sum(u**2, axis=1))[:, None]).T @ u
+    for k in range(len(fit.fitting.curves)):
+        own = (of_curve == k) & fit.used
+        B = u[own].T @ u[own]
+        drawn -= (B - B @ B) / max(int(own.sum()), 1)
+    variance, of_drawn = np.sum(back**2, axis=1), np.einsum("ij,jk,ik->i", back, drawn, back)
+    t = fit.quantiles(np.eye(len(variance)), stated=False)
+    scatters = of_drawn > ROUNDING * variance
+    ratio = np.divide(variance, of_drawn, out=np.full(len(variance), np.inf), where=scatters)
+    return np.sqrt(ratio) * t / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
+
+
+ROUNDING = 1e-9
+"""Fits to drawn points that scatter by less than this part of the variance do not scatter."""
 
 
 def bootstrap_fits(

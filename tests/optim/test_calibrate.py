@@ -365,6 +365,41 @@ def test_a_bootstrap_of_few_points_is_as_wide_as_student_has_it():
     assert 0.88 < np.mean(widths) < 1.12
 
 
+@pytest.mark.parametrize(("counts", "noises"), [((4,), (0.5e3,)), ((4, 30), (0.5e3, None)), ((4, 30), (None, None))])
+def test_a_bootstrap_knows_the_noise_from_the_points_that_it_draws(counts, noises):
+    """A few precise points tell mu: drawn points scatter less than they do, whatever noise is stated and however many
+    points another curve has. Student's t with the freedom of the few is exact; intervals were half as wide."""
+    widths = []
+    for seed in range(6):
+        rng, curves = np.random.default_rng(seed), []
+        for k, (count, noise) in enumerate(zip(counts, noises, strict=True)):
+            strain = np.linspace(0.3, 1.0, count)
+            rise = 1 + strain - (1 + strain) ** -2
+            stress = 100e3 * rise + (0.5e3, 60e3)[k] * rng.normal(size=count)
+            if k == 0:
+                mu = rise @ stress / (rise @ rise)
+                sd = np.sqrt(np.sum((stress - mu * rise) ** 2) / (count - 1) / (rise @ rise))
+            curves.append(Curve(f"c{k}", "test", "stress", "pressure", strain, stress, noise=noise))
+        strip = {"test": Tension(sg.NeoHookean(mu=150 * kPa))}
+        found = calibrate(Fitting(strip, [Variable("material.mu", 10e3, 1e6)], curves), starts=1)
+        ends = intervals(found, "bootstrap", 200, seed)
+        widths.append(float(ends.high[0] - ends.low[0]) / (2 * stats.t.ppf(0.975, counts[0] - 1) * sd))
+    assert 0.75 < np.mean(widths) < 1.25, widths
+
+
+def test_a_bootstrap_of_single_points_has_no_interval():
+    """Each drawn set is the measured one: the interval was of no width at all."""
+    curves = [
+        Curve(f"c{k}", "test", "stress", "pressure", np.array([0.6]), np.array([120e3 + 5e3 * k]), noise=3e3)
+        for k in range(2)
+    ]
+    strip = {"test": Tension(sg.NeoHookean(mu=150 * kPa))}
+    found = calibrate(Fitting(strip, [Variable("material.mu", 10e3, 1e6, "log")], curves), starts=1)
+    ends = intervals(found, "bootstrap", 100)
+    assert np.isnan([ends.low, ends.high]).all()
+    assert "two points to draw from" in ends.notes[0]
+
+
 @pytest.mark.slow
 def test_a_product_is_named_and_a_tension_test_parts_it(noisy):
     """The free membrane knows only mu t_m: p = mu t_m / a f(angle). Tension knows mu alone."""
