@@ -296,8 +296,8 @@ def pressure_for(scene: Scene, **target: Any) -> Solution:
         The `Solution`, whose `pressure` (Pa) is the answer; it has derivatives, too.
 
     Raises:
-        InputError: for several targets, for an observable that the scene does not have, and for a value that cannot be
-            meant (outside of jit).
+        InputError: for several targets, for an observable that the scene does not have or that no pressure changes, and
+            for a value that cannot be meant (outside of jit).
 
     Examples:
         >>> shell = sg.FlatShell(a=16 * mm, b=43 * mm, t_m=1.1 * mm, material=sg.NeoHookean(mu=175 * kPa))
@@ -319,6 +319,8 @@ def to_reach(scene: Scene, **target: Any) -> tuple[Scene, str, Scalar]:
         raise InputError(f"{type(scene).__name__} has no observable {name!r}; it has: {allowed}.")
     if scene.OBSERVABLES[name] == "position":
         raise InputError(f"{name} is a point (x, y); one pressure can meet one number.")
+    if name in scene.SAME_AT_ALL_PRESSURES:
+        raise InputError(f"{name} is the same at every pressure; no pressure can give it another value.")
     wanted = require(name, value, "finite", scene.OBSERVABLES[name])
     if wanted.ndim:
         raise InputError(

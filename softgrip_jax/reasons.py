@@ -58,6 +58,7 @@ class Reason(enum.IntEnum):
     ANOTHER_BRANCH = 22
     OBJECT_NOT_RESOLVED = 23
     VALUE_NOT_SOUGHT = 24
+    VALUE_BEYOND_CELL_LAW = 25
     FIELD_RULE = 30
     PARTS_DO_NOT_FIT = 31
     PRESSURE_RULE = 32
@@ -157,6 +158,11 @@ _SENTENCES: dict[Reason, tuple[str, str, str]] = {
         "pressure",
         "no pressure gives the wanted value: equilibrium ends at {} before it is reached",
         "no pressure gives the wanted value: equilibrium ends before it is reached",
+    ),
+    Reason.VALUE_BEYOND_CELL_LAW: (
+        "pressure",
+        "no pressure that is known gives the wanted value: the cell law of the finger ends at {} before it is reached",
+        "no pressure that is known gives the wanted value: the cell law of the finger ends before it is reached",
     ),
     Reason.VALUE_PASSED: (
         "pressure",

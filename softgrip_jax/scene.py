@@ -163,6 +163,9 @@ class Scene(Checked):
     OBSERVABLES: ClassVar[dict[str, str]] = {}
     """Observable -> kind of quantity (a key of units.DISPLAY)."""
 
+    SAME_AT_ALL_PRESSURES: ClassVar[tuple[str, ...]] = ()
+    """Observables that no pressure changes, so that none can be sought for them."""
+
     ignored_rules: tuple[str, ...] = rule_names(default=(), kw_only=True)
 
     @abc.abstractmethod

@@ -121,7 +121,8 @@ def starter(name: str) -> str:
         lines += ["", "[solve]"]
         mark = ""
     lines.append(_line(f"{mark}pressure_kPa = {PRESSURE / kPa:g}", "what is the state at this pressure?"))
-    others = [unit_key(name, kind) for name, kind in scene.prepared().OBSERVABLES.items() if kind != "position"]
+    kinds, fixed = scene.prepared().OBSERVABLES, scene.prepared().SAME_AT_ALL_PRESSURES
+    others = [unit_key(name, kind) for name, kind in kinds.items() if kind != "position" and name not in fixed]
     lines += _wrapped("Instead of pressure_kPa, the value that the pressure shall reach: " + ", ".join(others) + ".")
     return "\n".join(lines + _searches(scene, mark == "# ")) + "\n"
 

@@ -157,6 +157,7 @@ class Grasp(FingerScene):
         "tip_angle": "angle",
         "end_moment": "moment",
     }
+    SAME_AT_ALL_PRESSURES: ClassVar = ("required_force",)
 
     def __check_init__(self) -> None:
         if self.object.tapers and self.tip_offset is None and self.stand_distance is None:

@@ -171,7 +171,9 @@ class ExplicitCurve(BranchSolver):
         status = jnp.where(curve.touches, status, jnp.where(before, Status.NO_CONTACT, Status.BEYOND_LIMIT))
         known = jnp.isfinite(value)
         ends = jnp.where(curve.touches, fixed.load(stop), curve.free_limit)
-        reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), Reason.VALUE_NOT_REACHED, Reason.NONE)
+        unknown = _why(fixed, curve) == Reason.CELL_LAW_ENDS
+        beyond = jnp.where(unknown, Reason.VALUE_BEYOND_CELL_LAW, Reason.VALUE_NOT_REACHED)
+        reason = jnp.where(possible & (status == Status.BEYOND_LIMIT), beyond, Reason.NONE)
         passed = possible & known & before & ~reached
         if scene.CONTACT:  # below it forces are zero, and the free membrane has a stretch of its own
             passed &= curve.touches & ~at_start & is_zero_apart(name, scene.OBSERVABLES[name])

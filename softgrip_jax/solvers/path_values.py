@@ -77,10 +77,12 @@ def _sought(
         no_pressure = (reached.status == Status.OK) & (pressure <= 0)
     ended = ~no_pressure & (reached.status == Status.OK) & (pressure > span.end)
     status = jnp.where(no_pressure, Status.NO_CONTACT, jnp.where(ended, Status.BEYOND_LIMIT, reached.status))
-    reason = jnp.where(status == Status.BEYOND_LIMIT, int(Reason.VALUE_NOT_REACHED), reached.reason)
-    reason = jnp.where(no_pressure, int(Reason.VALUE_PASSED), reason)
     # The path is followed a little beyond the end of a law: it ends there all the same.
     ends = ended | ((status == Status.BEYOND_LIMIT) & (reached.detail > span.end))
+    unknown = ends & (scene.end_reason() == Reason.CELL_LAW_ENDS)
+    beyond = jnp.where(unknown, int(Reason.VALUE_BEYOND_CELL_LAW), int(Reason.VALUE_NOT_REACHED))
+    reason = jnp.where(status == Status.BEYOND_LIMIT, beyond, reached.reason)
+    reason = jnp.where(no_pressure, int(Reason.VALUE_PASSED), reason)
     detail = jnp.where(ends, span.end, jnp.where(no_pressure, span.begin, reached.detail))
     held = loaded.status == Status.OK
     status, reason = jnp.where(held, status, loaded.status), jnp.where(held, reason, loaded.reason)

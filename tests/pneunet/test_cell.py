@@ -141,6 +141,12 @@ def test_a_cell_that_is_bent_as_none_of_the_data_has_no_answer_to_any_question(c
         assert found.reason_text().startswith("nothing is known")
 
 
+def test_a_moment_that_a_cell_has_at_no_known_pressure_is_beyond_its_law():
+    found = sg.pressure_for(sg.pneunet.Cell(finger("A")), moment=-1.0)
+    assert (found.status, found.reason) == (sg.Status.BEYOND_LIMIT, sg.Reason.VALUE_BEYOND_CELL_LAW)
+    assert float(found.detail) == pytest.approx(0.24 * 136e3, rel=1e-12)
+
+
 def test_a_cell_ends_where_its_stretch_leaves_what_is_known():
     """Stretched to 2 below the law's last pressure: the limit is that of the state, its slope that of differences."""
 

@@ -171,3 +171,19 @@ def test_a_curve_over_pressure_of_a_grasp_has_slopes():
     slopes = jax.jit(jax.jacfwd(curve))(now)
     by_differences = [(curve(now.at[k].add(step)) - curve(now.at[k].add(-step))) / (2 * step) for k in range(2)]
     np.testing.assert_allclose(slopes, jnp.stack(by_differences, axis=-1), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("model", ["arc", "energy"])
+def test_no_pressure_is_sought_for_the_force_that_a_shell_needs(model):
+    """The weight and the friction alone make it; a value below it was said to be passed where nothing is touched."""
+    made = sg.FlatShell(a=0.016, b=0.043, t_m=0.0011, material=sg.NeoHookean(mu=175e3))
+    grasp = sg.shell.Grasp(made, radius=0.02, gap=0.005, mass=0.5, friction=0.9, model=model)
+    with pytest.raises(InputError, match="required_force is the same at every pressure"):
+        sg.pressure_for(grasp, required_force=1.0)
+
+
+def test_no_pressure_is_sought_for_the_force_that_a_tip_needs():
+    rod = sg.objects.Cylinder(radius=0.018, mass=0.026, friction=0.96)
+    grasp = sg.pneunet.Grasp(sg.pneunet.Gripper(sg.PneuNet.table_5_1("A")), rod)
+    with pytest.raises(InputError, match="required_force is the same at every pressure"):
+        sg.pressure_for(grasp, required_force=0.05)

@@ -143,6 +143,7 @@ class Grasp(ShellScene):
     fingers: int = eqx.field(static=True, default=2)
 
     OBSERVABLES: ClassVar = CylinderContact.OBSERVABLES | {"height": "length"} | HOLDING
+    SAME_AT_ALL_PRESSURES: ClassVar = ("required_force",)
 
     def __check_init__(self) -> None:
         require_whole("Grasp.fingers", self.fingers, 1)
@@ -212,6 +213,7 @@ class EnergyGrasp(EnergyScene):
     fingers: int = eqx.field(static=True, default=2)
 
     OBSERVABLES: ClassVar = EnergyCylinder.OBSERVABLES | HOLDING
+    SAME_AT_ALL_PRESSURES: ClassVar = ("required_force",)
 
     def target(self):
         return _target(self.mass)
