@@ -338,6 +338,17 @@ def test_another_integrator_finds_the_same_finger():
     assert sg.pneunet.shooting_error(sg.solve(held(), 10 * kPa)) < 1e-3
 
 
+@pytest.mark.parametrize("pressure", [0.0, 10.0, 25.0, 31.0])
+def test_the_curvature_of_a_moment_is_found(pressure):
+    """Not far behind what it knows the law gives moments of any size under a little tension or compression."""
+    section = law.cell_section(finger("A"), jnp.asarray(pressure * kPa))
+    z, n = (v.ravel() for v in np.meshgrid(np.linspace(-0.45, 0.2, 14), [-0.02, -1e-4, 0.0, 0.02]))
+    moments, stretches = jax.vmap(section.bent)(z, n)
+    found, stretched = jax.jit(jax.vmap(section))(moments, n)
+    np.testing.assert_allclose(found, z, atol=1e-12)
+    np.testing.assert_allclose(stretched, stretches, rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_derivatives_of_the_held_finger_are_those_of_differences():
     def force(pressure):

@@ -308,7 +308,7 @@ def test_a_contact_that_begins_with_a_fall_ends_there():
 
     ROD_OF = (SNAPS["radius"], SNAPS["gap"])
     values, slopes = jax.jit(jax.vmap(jax.value_and_grad(limit)))(around(made.t_m))
-    assert float(slopes[-1]) == pytest.approx(np.dot(WEIGHTS, values[:-1]) / (H * made.t_m), rel=1e-7)
+    assert float(slopes[-1]) == pytest.approx(float(np.dot(WEIGHTS, values[:-1]) / (H * made.t_m)), rel=1e-7)
 
 
 def test_states_next_to_a_closed_arc_converge():

@@ -142,16 +142,13 @@ class CellSection(SectionLaw):
         return stretch, stretch, stretch
 
     def __call__(self, m, n):
-        """The curvature is searched between MOST_BENT either way, where the moment rises with it."""
+        """The curvature is searched where the cell is known, and the moment rises with it."""
         law, *given = lax.stop_gradient((self, m, n))
-        high = jnp.full_like(given[0] + given[1], MOST_BENT)
-        found = newton_bracketed(lambda z: law.bent(z, given[1])[0] - given[0], -high, high, 3 * given[0]).x
+        low = jnp.full_like(given[0] + given[1], -MOST_OPEN * law.slenderness)
+        high = jnp.full_like(low, MOST_CLOSED * law.cell.loaded.rims_meet * law.slenderness)
+        found = newton_bracketed(lambda z: law.bent(z, given[1])[0] - given[0], low, high, 3 * given[0]).x
         z = implicit(lambda z, args: args[0].bent(z, args[2])[0] - args[1], found, (self, m, n))
         return z, self.bent(z, n)[1]
-
-
-MOST_BENT = 1.5
-"""H theta' beyond which no cell of the data was bent."""
 
 
 def cell_section(finger: PneuNet, pressure: Scalar) -> CellSection:
