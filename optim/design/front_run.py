@@ -134,6 +134,9 @@ def report(front: Front, console: Console) -> None:
     for number, lost in zip(rows + 1, beside.reasons if beside else [], strict=False):
         for words in lost:
             console.print(f"Design {number} by the other drive, {words}.", soft_wrap=True, markup=False)
+    for k in rows:
+        for words in near_limits(front.designs[k]):
+            console.print(f"Design {k + 1}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else [])]
     ends = [[*beyond_law(problem, d.x), *errors_of_shells(problem, d)] for d in (front.designs[0], front.designs[-1])]
     if ends[0] == ends[1]:
@@ -149,6 +152,20 @@ def report(front: Front, console: Console) -> None:
 def _number(value: float, kind: str) -> str:
     """In the unit that people read, which the column names."""
     return "none" if np.isinf(value) else "-" if np.isnan(value) else f"{value / DISPLAY[kind][1]:.5g}"
+
+
+CLOSE = 0.05
+"""Part of a pressure that its limit should be above it: what a regulator keeps to, and what silicones scatter by."""
+
+
+def near_limits(design: Design) -> list[str]:
+    """Which states of a design are hardly below their limit pressure."""
+    return [
+        f"{label}: the limit pressure is {100 * (margin - 1):.2g}% above it. A constraint on a state at a higher "
+        "pressure keeps room."
+        for label, margin in design.limit_margins.items()
+        if 0 < margin - 1 < CLOSE
+    ]
 
 
 def errors_of_shells(problem: Problem, design: Design) -> list[str]:

@@ -55,7 +55,7 @@ from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, prepare, search
-from .front_run import errors_of_shells, run_front
+from .front_run import errors_of_shells, near_limits, run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
 
@@ -64,9 +64,6 @@ AMPLE = 100.0
 
 SEEN = 5e-5
 """Less would be "broken by 0.00%"."""
-
-CLOSE = 0.05
-"""Part of a pressure that its limit should be above it: what a regulator keeps to, and what silicones scatter by."""
 
 DISTANCE = "distance from the curve (rms)"
 """Of a shape that is followed, in the printed table."""
@@ -399,7 +396,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
             console.print(f"{name} by the other drive, {words}.", soft_wrap=True, markup=False)
         if number and design.active:
             console.print(f"{number} is held by: {', '.join(design.active)}", soft_wrap=True)
-        for words in _near_limits(design):
+        for words in near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
     told += [*errors_of_shells(problem, result.best), *_of_materials(result), *result.remarks]
@@ -422,16 +419,6 @@ def _of_materials(result: SearchResult) -> list[str]:
         for state, label in zip(asked.states, asked.state_labels(), strict=True)
         if state in result.solutions
         for name, words in of_material(result.solutions[state][1]).items()
-    ]
-
-
-def _near_limits(design: Design) -> list[str]:
-    """Which states of a design are hardly below their limit pressure."""
-    return [
-        f"{label}: the limit pressure is {100 * (margin - 1):.2g}% above it. A constraint on a state at a higher "
-        "pressure keeps room."
-        for label, margin in design.limit_margins.items()
-        if 0 < margin - 1 < CLOSE
     ]
 
 

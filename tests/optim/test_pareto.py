@@ -157,6 +157,11 @@ def test_a_front_that_is_stopped_while_its_designs_are_solved_is_kept(ctrl_c_in)
     said = io.StringIO()
     tell(found, Console(file=said))  # what summary.txt keeps
     assert said.getvalue().startswith("Stopped before the front was found; ")
+    near = dataclasses.replace(found.designs[0], limit_margins={"15 kPa": 1.004, "10 kPa": 1.2})
+    said = io.StringIO()
+    tell(dataclasses.replace(found, designs=[near, *found.designs[1:]]), Console(file=said, width=200))
+    (words,) = (line for line in said.getvalue().splitlines() if "limit pressure" in line)
+    assert words.startswith("Design 1, 15 kPa: the limit pressure is 0.4% above it.")
 
 
 def test_designs_that_prove_to_have_no_equilibrium_are_not_on_the_front(monkeypatch):

@@ -18,8 +18,8 @@ from scipy.optimize import differential_evolution
 import softgrip_jax as sg
 from optim.design import settings
 from optim.design.descent import FEASIBLE, Design, SearchResult, search
-from optim.design.front_run import errors_of_shells
-from optim.design.run import _batch, _near_limits, _of_materials
+from optim.design.front_run import errors_of_shells, near_limits
+from optim.design.run import _batch, _of_materials
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -589,7 +589,7 @@ def test_what_ends_on_a_limit_point_says_so_and_a_margin_below_one_is_no_bound()
     assert found.best.limit_margins["15 kPa"] == pytest.approx(1, abs=1e-4)
     limit = float(sg.limit_pressure(free))
     assert found.reference.limit_margins["15 kPa"] == pytest.approx(limit / (15 * kPa), rel=1e-9)
-    (words,) = _near_limits(dataclasses.replace(found.best, limit_margins={"15 kPa": 1.004, "10 kPa": 1.2}))
+    (words,) = near_limits(dataclasses.replace(found.best, limit_margins={"15 kPa": 1.004, "10 kPa": 1.2}))
     assert words.startswith("15 kPa: the limit pressure is 0.4% above it.")
     assert Problem(space, [goal], [Limits(margin, low=1.2)]).always_kept() == []
 
