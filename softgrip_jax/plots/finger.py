@@ -4,8 +4,9 @@ The cover is a band of thickness H along the deformed middle line. The chambers 
 walls t_m thick that thin as they stretch; each turns with the cover under its middle. Between two chambers is the plane
 of contact, across the cover where their segments meet, and their walls bulge towards it as the model has them at this
 pressure, from h_x in front of it on; they lean by the angle between the drawn chamber and the drawn plane, which is the
-model's own for inclination = "segment". The clamp is such a plane too. The wall at the tip has no neighbour, the roof
-and the floor do not inflate in the model: they stay straight. An object is drawn up to the line that
+model's own for inclination = "segment". The first wall bulges as if such a plane were before it, where a mould leaves
+cover up to the clamp, too: the model's drive is everywhere. The wall at the tip has no neighbour, the roof and the
+floor do not inflate in the model: they stay straight. An object is drawn up to the line that
 touches it: the faces of the covers, or their middle lines where the gripper's touch is "midline".
 """
 
