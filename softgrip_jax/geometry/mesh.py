@@ -65,8 +65,8 @@ class Mesh:
     Examples:
         >>> sol = sg.solve(sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"), points=8), 31 * kPa)
         >>> mesh = sol.mesh()
-        >>> len(mesh.names), mesh.points.shape[1]  # the cover and 13 chambers
-        (14, 3)
+        >>> len(mesh.names), mesh.points.shape[1]  # the cover and 12 chambers
+        (13, 3)
         >>> mesh.write("finger.vtk").name
         'finger.vtk'
     """

@@ -170,7 +170,7 @@ def sections(solution: Solution) -> tuple[Section, ...]:
         >>> finger = sg.pneunet.TipContact(sg.PneuNet.table_5_1("A"))
         >>> [view] = sg.geometry.sections(sg.solve(finger, 31 * kPa))
         >>> len(view.of_role("air"))  # chambers
-        13
+        12
     """
     if np.ndim(solution.status):
         raise InputError("This solution is a batch; draw one scene of it.")
