@@ -9,7 +9,8 @@ is its covariance, with the derivatives J of all that was measured and the varia
 fitted with x held: they tell of the moduli theta alone, for a model that is a little wrong would move dimensions that
 were measured. The fit moves with x by G = -(R_t^T R_t)^-1 R_t^T R_x, with the derivatives R of the curves over their
 noise, so that the covariances are C of x, (R_t^T R_t)^-1 + G C G^T of theta, and G C of both. A noise that is estimated
-from few points is not well known itself: intervals are those of Student's t, by what of a variance rests on it.
+from few points is not well known itself: it widens the first part (`covariance_of`), and intervals are those of
+Student's t, by what of a variance rests on it.
 
 Source: A. Gelman et al., Bayesian Data Analysis, 3rd ed., section 14 (normal linear models); M. Plummer 2015, Cuts in
 Bayesian graphical models, Stat. Comput. 25, 37-43; thesis 6.2 for the curves.
@@ -30,7 +31,7 @@ from softgrip_jax.results import NORMAL_95
 from softgrip_jax.units import gram
 
 from ..calibration.fit import Fit, finished, reached, require_data
-from ..calibration.model import Fitting
+from ..calibration.model import Fitting, covariance_of
 from ..calibration.report import misfit, on_bounds
 from ..space import to_free
 from .settings import Settings
@@ -215,7 +216,9 @@ def calibrated(settings: Settings, known: AsBuilt) -> AsBuilt:
         names = " and ".join(own.space.names)
         raise InputError(f"The curves do not determine {names}: hold one, or measure something else.")
     inverse, C = np.linalg.inv(information), known.covariance
+    scaled = covariance_of(jnp.asarray(by_theta * sizes), fitting.of_curve, jnp.asarray(fit.unsure))
+    own = float(fit.robust_factors.covariance) * np.asarray(scaled) * np.outer(sizes, sizes)
     G = -inverse @ by_theta.T @ by_x
-    joint = np.block([[C, C @ G.T], [G @ C, float(fit.robust_factors.covariance) * inverse + G @ C @ G.T]])
+    joint = np.block([[C, C @ G.T], [G @ C, own + G @ C @ G.T]])
     remarks = (*fit.notes, *on_bounds(fit), *misfit(fit))
     return dataclasses.replace(known, fit=fit, fit_covariance=joint, remarks=remarks)

@@ -29,7 +29,7 @@ from softgrip_jax.units import DISPLAY
 
 from ..problem import NEAR_LIMIT
 from ..space import to_free, to_unit
-from .model import DETERMINED, FitMember, Fitted, Fitting, Predicted, RobustFactors, leverage
+from .model import DETERMINED, FitMember, Fitted, Fitting, Predicted, RobustFactors, inverse_square, leverage
 
 CONFIDENCE = 0.95
 """Confidence of every interval."""
@@ -109,6 +109,12 @@ class Fit:
         return np.bincount(self.fitting.of_curve, left, len(self.fitting.curves))
 
     @property
+    def unsure(self) -> np.ndarray:
+        """One over the degrees of freedom of the noise of every curve, 0 of one that states it, shape (curves,)."""
+        free = self.freedoms
+        return np.where(self.fitting.known | ~(free > 0), 0.0, 1 / np.where(free > 0, free, 1.0))
+
+    @property
     def quantile(self) -> np.ndarray:
         """Standard deviations on each side of every parameter's interval, shape (n,)."""
         return self.quantiles(np.eye(self.fitting.space.size))
@@ -158,6 +164,12 @@ class Fit:
     def deviation(self) -> np.ndarray:
         """Standard deviations of the scaled parameters."""
         return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def widening(self) -> np.ndarray:
+        """How many times further every parameter scatters than with weights by the true noises, shape (n,)."""
+        sure = inverse_square(jnp.asarray(self.rows)) * self.robust_factors.covariance
+        return self.deviation / np.sqrt(np.diag(sure))
 
     @property
     def correlation(self) -> np.ndarray:

@@ -1,13 +1,14 @@
 """95 % intervals of fitted parameters, three ways, by name.
 
-    gauss_newton    x +- t sd from the covariance (J^T W J)^-1: instant; exact for a model that is linear over the
-                    interval and noise that is normal.
+    gauss_newton    x +- t sd from the covariance (`model.covariance_of`): instant; exact for one curve, a model that is
+                    linear over the interval and noise that is normal.
     bootstrap       fits to points drawn with replacement within every curve, percentiles of them (Efron 1979): no
                     normal noise, and no noise that is the same everywhere, is assumed, nor one that is stated. Drawn
                     points scatter less than measured ones, and tell the noise only as well as Student's t has it
                     (Hesterberg 2015): the fits are stretched about the best one by both, see `_stretch`.
-    profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988): follows a
-                    model that is not linear, and says where an interval has no end. The cost of a robust loss is
+    profile         where the best fit with one parameter held costs t^2/2 more (Bates and Watts 1988), t times what the
+                    noises' own errors add (`Fit.widening`): follows a model that is not linear, and says where an
+                    interval has no end. The cost of a robust loss is
                     no likelihood, and is divided by what it scatters by (Schrader and Hettmansperger 1980).
 
 Each parameter is log or linear as it is varied, so that an interval of a log parameter is never negative.
@@ -127,7 +128,8 @@ def _stretch(fit: Fit) -> np.ndarray:
 
         C (sum_i (1 - h_i) J_i J_i^T - sum_k (A_k - A_k C A_k) / n_k) C
 
-    The ratio of the deviations is times Student's t over the normal quantile, with every noise taken as estimated.
+    The ratio of the deviations is times Student's t over the normal quantile, with every noise taken as estimated, and
+    times what the noises' own errors add, as drawn points are fitted with the noises of the fit.
     """
     rows, of_curve = fit.rows, fit.fitting.of_curve
     u, s, vt = np.linalg.svd(rows, full_matrices=False)
@@ -142,7 +144,7 @@ def _stretch(fit: Fit) -> np.ndarray:
     t = fit.quantiles(np.eye(len(variance)), stated=False)
     scatters = of_drawn > ROUNDING * variance
     ratio = np.divide(variance, of_drawn, out=np.full(len(variance), np.inf), where=scatters)
-    return np.sqrt(ratio) * t / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
+    return fit.widening * np.sqrt(ratio) * t / stats.norm.ppf(0.5 + 0.5 * CONFIDENCE)
 
 
 ROUNDING = 1e-9
@@ -195,7 +197,7 @@ def profile(fit: Fit, report: Tell = silent) -> Intervals:
 def _crossing(fit: Fit, j: int, sign: int) -> float:
     """The value of parameter j (SI) where its profile crosses, on one side; NaN where it does not within the bounds."""
     space = fit.fitting.space
-    quantile = fit.quantile[j]
+    quantile = fit.quantile[j] * fit.widening[j]
     edge = space.high[j] if sign > 0 else space.low[j]
     log = bool(space.is_log[j])
     room = abs(np.log(edge / fit.x[j]) if log else (edge - fit.x[j]) / fit.scales[j])

