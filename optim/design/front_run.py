@@ -8,6 +8,7 @@ not at all; stopped by Ctrl-C it holds the best designs until then.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,11 @@ from rich.console import Console
 from softgrip_jax import config as configs
 from softgrip_jax.errors import located
 from softgrip_jax.folders import DeferInterrupt, new_folder
-from softgrip_jax.model_error import of_shell
+from softgrip_jax.model_error import of_material, of_shell
 from softgrip_jax.progress import stages
-from softgrip_jax.quantities import REQUIRED
+from softgrip_jax.quantities import REQUIRED, State
 from softgrip_jax.report.run import tell_and_keep, write_report
-from softgrip_jax.results import Status
+from softgrip_jax.results import Solution, Status
 from softgrip_jax.tables import Table
 from softgrip_jax.units import DISPLAY
 
@@ -108,7 +109,7 @@ def report(front: Front, console: Console) -> None:
     problem = front.problem
     if front.stopped:
         console.print(f"{STOPPED}; the best designs until then are kept.")
-    rows = np.unique(np.linspace(0, len(front.designs) - 1, SHOWN).round().astype(int))
+    rows = sorted({round(k) for k in np.linspace(0, len(front.designs) - 1, SHOWN)})
     count = len(front.designs)
     table = Table(title=f"a front of {count} design{'' if count == 1 else 's'}", title_justify="left")
     table.add_column("design", justify="right")
@@ -131,12 +132,14 @@ def report(front: Front, console: Console) -> None:
         values += [_number(x, kind) for x, kind in zip(design.x, problem.space.kinds, strict=True)]
         table.add_row(str(k + 1), *values, *(column[place] for column in columns))
     console.print(table)
-    for number, lost in zip(rows + 1, beside.reasons if beside else [], strict=False):
+    for k, lost in zip(rows, beside.reasons if beside else [], strict=False):
         for words in lost:
-            console.print(f"Design {number} by the other drive, {words}.", soft_wrap=True, markup=False)
+            console.print(f"Design {k + 1} by the other drive, {words}.", soft_wrap=True, markup=False)
     for k in rows:
         for words in near_limits(front.designs[k]):
             console.print(f"Design {k + 1}, {words}", soft_wrap=True)
+        for sentence in of_materials(problem, front.solutions, k, k + 1):
+            console.print(sentence, soft_wrap=True, markup=False)
     told = [*said(problem), *(beside.remarks if beside else [])]
     ends = [[*beyond_law(problem, d.x), *errors_of_shells(problem, d)] for d in (front.designs[0], front.designs[-1])]
     if ends[0] == ends[1]:
@@ -165,6 +168,20 @@ def near_limits(design: Design) -> list[str]:
         "pressure keeps room."
         for label, margin in design.limit_margins.items()
         if 0 < margin - 1 < CLOSE
+    ]
+
+
+def of_materials(
+    problem: Problem, solutions: Mapping[tuple[str, State], Sequence[Solution]], place: int, number: int
+) -> list[str]:
+    """Where a design is stretched further than its material's law is trusted; place: of it in the solutions, number: by
+    which it is called."""
+    asked = problem.asked
+    return [
+        f"Design {number}, {label}: {name} {words}."
+        for state, label in zip(asked.states, asked.state_labels(), strict=True)
+        if state in solutions
+        for name, words in of_material(solutions[state][place]).items()
     ]
 
 

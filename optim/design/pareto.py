@@ -28,6 +28,8 @@ from scipy.stats import qmc
 
 from softgrip_jax.errors import ConfigError, InputError
 from softgrip_jax.folders import DeferInterrupt
+from softgrip_jax.quantities import State
+from softgrip_jax.results import Solution
 
 from ..problem import Problem, Scaling
 from .descent import (
@@ -103,6 +105,7 @@ class Front:
         seconds: by stage, s.
         stopped: by Ctrl-C: the designs are the best of those that were solved until then.
         notes: sentences for the report: as those of a search, and where one design is the best in every goal.
+        solutions: of every design, the states that were solved along the whole way from zero load.
 
     Examples:
         >>> [field.name for field in __import__("dataclasses").fields(optim.Front)][:3]
@@ -116,6 +119,7 @@ class Front:
     seconds: dict[str, float]
     stopped: bool = False
     notes: tuple[str, ...] = ()
+    solutions: dict[tuple[str, State], list[Solution]] = dataclasses.field(default_factory=dict)
 
 
 def pareto(
@@ -171,11 +175,12 @@ def pareto(
     t, terms = known.t[rows], known.terms[rows]
     with DeferInterrupt() as waiting:  # the front is found, and its designs are there once they are solved
         designs = designs_at(problem, known.score, known.evaluate, t)
-    # Along the whole way one may prove to have no equilibrium though designs nearby led to it.
-    kept = [k for k, design in enumerate(designs) if design.feasible]
-    if not kept:
-        raise NoFrontError(NO_FRONT)
-    designs, terms = [designs[k] for k in kept], terms[kept]
+        # Along the whole way one may prove to have no equilibrium though designs nearby led to it.
+        kept = [k for k, design in enumerate(designs) if design.feasible]
+        if not kept:
+            raise NoFrontError(NO_FRONT)
+        designs, terms = [designs[k] for k in kept], terms[kept]
+        solutions = known.evaluate.solutions(t[kept])
     seconds = {"compile": compiled - began, "front": time.perf_counter() - compiled}
     stopped |= waiting.asked
     notes = [
@@ -186,7 +191,7 @@ def pareto(
     ]
     if len(designs) == 1 and not stopped:
         notes.append("One design is the best in every goal: there is nothing to trade off.")
-    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped, tuple(notes))
+    return Front(problem, designs, terms, known.evaluate.solves, seconds, stopped, tuple(notes), solutions)
 
 
 def _front(known: _Known, points: int, report: Callable[[str, int], None]) -> np.ndarray:

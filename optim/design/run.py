@@ -25,7 +25,6 @@ from softgrip_jax import config as configs
 from softgrip_jax.config import ConfigError
 from softgrip_jax.errors import InputError, located
 from softgrip_jax.folders import DeferInterrupt, new_folder
-from softgrip_jax.model_error import of_material
 from softgrip_jax.progress import counted, stages
 from softgrip_jax.quantities import AT_REST, solution_at
 from softgrip_jax.quantities import shown as in_words
@@ -55,7 +54,7 @@ from ..robust import report as robust_report
 from ..robust.run import Robust, Scattered
 from . import settings
 from .descent import ACTIVE, FEASIBLE, Design, SearchResult, prepare, search
-from .front_run import errors_of_shells, near_limits, run_front
+from .front_run import errors_of_shells, near_limits, of_materials, run_front
 from .islands import evaluator_on
 from .pareto import NoFrontError
 
@@ -399,7 +398,7 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
         for words in near_limits(design):
             console.print(f"{name}, {words}", soft_wrap=True)
     told = [*said(problem), *(beside.remarks if beside else []), *beyond_law(problem, result.best.x)]
-    told += [*errors_of_shells(problem, result.best), *_of_materials(result), *result.remarks]
+    told += [*errors_of_shells(problem, result.best), *of_materials(problem, result.solutions, 1, 1), *result.remarks]
     for sentence in dict.fromkeys(told):
         console.print(sentence, soft_wrap=True, markup=False)
     if not result.best.answered:
@@ -409,17 +408,6 @@ def report(result: SearchResult, console: Console, of_other: OtherDrive | None =
     console.print(_batch(result), soft_wrap=True)
     times = ", ".join(f"{name} {value:.0f} s" for name, value in result.seconds.items())
     console.print(f"{result.solves} designs solved ({times})", soft_wrap=True)
-
-
-def _of_materials(result: SearchResult) -> list[str]:
-    """Where the best design is stretched further than its material's law is trusted."""
-    asked = result.problem.asked
-    return [
-        f"Design 1, {label}: {name} {words}."
-        for state, label in zip(asked.states, asked.state_labels(), strict=True)
-        if state in result.solutions
-        for name, words in of_material(result.solutions[state][1]).items()
-    ]
 
 
 def _batch(result: SearchResult) -> str:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import re
 import shlex
 import signal
 
@@ -427,6 +428,9 @@ def test_a_front_by_config_is_kept_in_a_folder(tmp_path, capsys):
     stretches = [float(row["stretch_at_10_kPa"]) for row in kept.designs]
     assert np.all(np.diff(inflations) < 0)
     assert np.all(np.diff(stretches) < 0)
+    told = re.findall(r"Design (\d), 10 kPa: stretch ([\d.]+) is more than the 1.5", " ".join(printed.split()))
+    trusted = [k for k in range(9) if stretches[k] <= 1.5]
+    assert told == [(str(k + 1), f"{stretches[k]:.3g}") for k in range(trusted[0])]
     read = configs.load(out / "designs" / "09.toml")
     assert read.tables["manufacture"] == {"top_wall_mm": 2}
     last = sg.solve(read.scene, 10 * kPa)
