@@ -12,14 +12,15 @@ and a list of measurements is better the larger
     "decision": -mean of g^T C g                    variance of a quantity q left, g = dq / dtheta
 
 Means are over draws of theta, since rows depend on it. Lists are built one by one, from the best gain for its cost and
-from the best gain, and improved by exchanging one measurement for another as long as that helps (Fedorov's exchange).
-The better of the two is taken.
+from the best gain, and improved by exchanging one measurement for another as long as that helps (Fedorov's exchange),
+and, where there is a budget, two for what they pay for. The better of the two is taken.
 
 Source: K. Chaloner, I. Verdinelli, "Bayesian experimental design: a review", Statistical Science 10 (1995) 273-304.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -113,11 +114,28 @@ def _exchanged(given: Candidates, criterion: str, points: int, budget: float, ch
                 if value > best + LEAST_GAIN * abs(best):
                     chosen, best = swapped, value
                 break  # the gains are exact: the others are worse
+        if best <= before and np.isfinite(budget):
+            chosen, best = _without_two(given, criterion, points, budget, chosen, best)
         if best <= before:
             break
         chosen = _filled(given, criterion, points, budget, given.costs, chosen)
         best = given.value(chosen, criterion)
     return chosen
+
+
+def _without_two(
+    given: Candidates, criterion: str, points: int, budget: float, chosen: list[int], best: float
+) -> tuple[list[int], float]:
+    """The first better list without two of its measurements, and its criterion: the budget that they leave may pay for
+    one that is dear, or for others whose worth is in being made together."""
+    for places in itertools.combinations(range(len(chosen)), min(2, len(chosen))):
+        rest = [k for place, k in enumerate(chosen) if place not in places]
+        for prices in (given.costs, np.ones(len(given.costs))):
+            other = _filled(given, criterion, points, budget, prices, rest)
+            value = given.value(other, criterion)
+            if value > best + LEAST_GAIN * abs(best):
+                return other, value
+    return chosen, best
 
 
 def _filled(

@@ -84,8 +84,8 @@ def test_lists_within_a_budget_are_the_best_of_all(criterion):
         nothing = given.value([], criterion)
         best = max(given.value(c, criterion) for c in lists if given.is_allowed(c, 4, 7.0))
         gained.append((given.value(found, criterion) - nothing) / (best - nothing))
-    assert min(gained) > 0.95
-    assert np.mean(np.array(gained) > 1 - 1e-9) >= 0.9
+    assert min(gained) > 0.999
+    assert np.mean(np.array(gained) > 1 - 1e-9) >= 0.95
 
 
 def test_even_spacing():
