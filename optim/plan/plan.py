@@ -21,8 +21,6 @@ from .decision import LEAST_SHARE, Verdict, decided, verdict
 from .information import Candidates, choose, evenly
 from .settings import Settings
 
-MOST_ROUNDS = 20
-"""Times that every candidate of a measurement is repeated, at most, before it is said not to help."""
 MOST_EXACT = 1e9
 """A measured value over its noise: nobody measures better."""
 BLIND = 1e3
@@ -166,7 +164,7 @@ def make(settings: Settings, tell: Tell = silent) -> Plan:
         shares,
         chosen,
         spaced,
-        _open(settings, np.where((most > 0)[:, None], row[0], 0.0), place, costs),
+        _open(settings, np.where((most > 0)[:, None], row[0], 0.0), place, costs, most),
         None,
         remarks,
     )
@@ -202,7 +200,9 @@ def _known(settings: Settings, reference: np.ndarray) -> tuple[np.ndarray, np.nd
 # --- what cannot be told apart ----------------------------------------------------------------------------------------
 
 
-def _open(settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarray) -> tuple[Open, ...]:
+def _open(
+    settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarray, most: np.ndarray
+) -> tuple[Open, ...]:
     """What every measurement alone, and all together, leave open, by the derivatives where the config is."""
     names = [number.key for number in settings.numbers]
     found = []
@@ -210,7 +210,7 @@ def _open(settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarra
         own = rows[of == k]
         if one.curve is not None and np.any(own):
             found += [
-                Open(one.table.name, *words, _remedies(settings, rows, of, costs, k, direction))
+                Open(one.table.name, *words, _remedies(settings, rows, of, costs, most, k, direction))
                 for direction, words in _unknown(names, own)
             ]
     together = [Open("", *words, ()) for _, words in _unknown(names, rows)]
@@ -237,9 +237,16 @@ def _told(C: np.ndarray, row: np.ndarray) -> np.ndarray:
 
 
 def _remedies(
-    settings: Settings, rows: np.ndarray, of: np.ndarray, costs: np.ndarray, k: int, direction: np.ndarray
+    settings: Settings,
+    rows: np.ndarray,
+    of: np.ndarray,
+    costs: np.ndarray,
+    most: np.ndarray,
+    k: int,
+    direction: np.ndarray,
 ) -> tuple[tuple[str, int, float], ...]:
-    """The other measurements that determine a direction together with the k-th, the cheapest first."""
+    """The other measurements that determine a direction together with the k-th, the cheapest first; each point of them
+    as often as it may be measured."""
     found = []
     own = rows[of == k]
     for other, one in enumerate(settings.measurements):
@@ -250,10 +257,13 @@ def _remedies(
         C = BLIND**2 * np.eye(len(direction))
         for row in own:
             C = _told(C, row)
-        for count in range(1, MOST_ROUNDS * len(added) + 1):
+        left = most[of == other].copy()
+        for count in range(1, int(left.sum()) + 1):
             moved = added @ C
-            best = added[np.argmax((moved @ direction) ** 2 / (1 + np.einsum("ij,ij->i", moved, added)))]
-            C = _told(C, best)
+            told = (moved @ direction) ** 2 / (1 + np.einsum("ij,ij->i", moved, added))
+            best = int(np.argmax(np.where(left > 0, told, -1.0)))
+            left[best] -= 1
+            C = _told(C, added[best])
             if np.sqrt(max(direction @ C @ direction, 0.0)) < HELPFUL:
                 found.append((one.table.name, count, count * float(costs[of == other][0])))
                 break

@@ -5,6 +5,8 @@ import json
 import tomllib
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import h5netcdf  # noqa: F401  what xarray writes posteriors with
 import jax
@@ -20,8 +22,9 @@ from optim.calibration.model import Fitting
 from optim.plan import settings
 from optim.plan.decision import Decided, Verdict, decided, verdict
 from optim.plan.information import CRITERIA, Candidates, choose, evenly
-from optim.plan.plan import BLIND, Plan, _told, make
+from optim.plan.plan import BLIND, Plan, _remedies, _told, make
 from optim.plan.run import _expected, decided_words, draw, record, rows
+from optim.plan.settings import Settings
 from softgrip_jax import config as configs
 from softgrip_jax.cli import MISTAKE, run
 from softgrip_jax.units import DISPLAY, SI, kPa, mm
@@ -447,6 +450,18 @@ def test_exact_measurements_have_remedies_too(tmp_path, capsys):
     path = write(tmp_path, lambda text: text.replace("noise = 0.1\n", "noise = 1e-7\n"))
     assert run(["plan", str(path), "--out", str(tmp_path / "out")]) == 0
     assert "The cheapest here that does: tension test (1 of it, cost 2)." in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(("repeats", "count"), [(2, None), (5, 3)])
+def test_a_remedy_takes_no_more_than_may_be_measured(repeats, count):
+    """A product is known, and one factor to a tenth by each reading: three give sqrt(2 / 3) of it along both."""
+    settings = Mock(spec=Settings)
+    settings.measurements = [SimpleNamespace(table=SimpleNamespace(name=name)) for name in ("curve", "reading")]
+    rows, of = np.array([[1e3, 1e3], [10.0, 0.0]]), np.array([0, 1])
+    along = np.array([1.0, -1.0]) / np.sqrt(2)
+    most = np.array([1, repeats])
+    found = _remedies(settings, rows, of, np.array([1.0, 2.0]), most, 0, along)
+    assert found == (() if count is None else (("reading", count, 2.0 * count),))
 
 
 def test_what_has_no_state_is_no_remedy_and_no_picture(tmp_path, capsys):
