@@ -679,7 +679,7 @@ def strip_curve(name="test", x=STRAINS, y=STRESSES, model="strip", quantity="str
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"y": np.where(STRAINS == STRAINS[1], np.nan, STRESSES)}, r"y\[1\] of curve 'test' is nan"),
+        ({"y": np.append(STRESSES[:1], np.full(9, np.nan))}, r"y\[1\] of curve 'test' is nan"),
         ({"x": np.append(np.inf, STRAINS[1:])}, r"x\[0\] of curve 'test' is inf"),
         ({"y": STRESSES[1:]}, "x has 10, y has 9"),
         ({"specimen": np.zeros(3, dtype=int), "specimens": ("a",)}, "specimen has 3"),
