@@ -104,7 +104,8 @@ class Curve:
         notes: what was left out or looks odd, in sentences.
 
     Raises:
-        InputError: where noise is not positive.
+        InputError: where noise is not positive, x and y are not as many finite numbers each, or an x can not be set:
+            a pressure below zero, a strain of -1 or less.
 
     Examples:
         >>> strain = np.linspace(0.1, 1.0, 10)
@@ -130,6 +131,33 @@ class Curve:
     def __post_init__(self) -> None:
         if self.noise is not None and not (np.isfinite(self.noise) and self.noise > 0):
             raise InputError(f"The noise of curve {self.name!r} is {self.noise:g}; it must be a positive number.")
+        for name in ("x", "y"):
+            object.__setattr__(self, name, self._numbers(name))
+        counts = {name: len(getattr(self, name)) for name in ("x", "y", "specimen") if getattr(self, name) is not None}
+        if len(set(counts.values())) > 1:
+            said = ", ".join(f"{name} has {count}" for name, count in counts.items())
+            raise InputError(f"The points of curve {self.name!r} do not match: {said}; there must be one of each.")
+        is_test = self.quantity == "stress"
+        least = int(np.argmin(self.x))
+        if self.x[least] <= -1 if is_test else self.x[least] < 0:
+            must = "a strain must be above -1" if is_test else "a gauge pressure must be zero or more"
+            raise InputError(f"x[{least}] of curve {self.name!r} is {self.x[least]:g}; {must}.")
+
+    def _numbers(self, name: str) -> np.ndarray:
+        """x or y, checked."""
+        values = np.asarray(getattr(self, name), dtype=float)
+        if values.ndim != 1 or not values.size:
+            raise InputError(
+                f"{name} of curve {self.name!r} has the shape {values.shape}; it must be a list of numbers, one for "
+                "each point."
+            )
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if wrong.size:
+            raise InputError(
+                f"{name}[{wrong[0]}] of curve {self.name!r} is {values[wrong[0]]}; it must be a finite number: leave "
+                "out points without one."
+            )
+        return values
 
     @property
     def labels(self) -> np.ndarray:

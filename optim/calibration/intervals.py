@@ -29,7 +29,7 @@ from softgrip_jax.progress import Tell, silent
 from softgrip_jax.spread import Spread
 
 from ..space import to_free
-from .fit import CONFIDENCE, Fit, run_members
+from .fit import CONFIDENCE, ON_BOUND, Fit, run_members
 from .model import DETERMINED
 
 METHODS = ("gauss_newton", "bootstrap", "profile")
@@ -111,8 +111,16 @@ def bootstrap(fit: Fit, repeats: int, seed: int, report: Tell = silent, spread: 
         notes.append(f"Only {len(kept)} of {repeats} bootstrap fits converged: its intervals mean little.")
     if len(kept) < 2:
         return Intervals("bootstrap", nothing, nothing, tuple(notes))
-    tail = 0.5 * (1 - CONFIDENCE)
-    low, high = fit.shifted(stretch * np.quantile(fit.change_to(kept), [tail, 1 - tail], axis=0))
+    tail, space = 0.5 * (1 - CONFIDENCE), fit.fitting.space
+    changes = np.quantile(fit.change_to(kept), [tail, 1 - tail], axis=0)
+    t = space.to_unit(fit.shifted(changes))
+    held = (t < ON_BOUND) | (t > 1 - ON_BOUND)
+    for side, ends in zip(("below", "above"), held, strict=True):
+        for j in np.flatnonzero(ends):
+            notes.append(
+                f"{space.names[j]}: the bootstrap sets no end to its interval {side}: its fits are on a bound."
+            )
+    low, high = np.where(held, np.nan, fit.shifted(stretch * changes))
     return Intervals("bootstrap", low, high, tuple(notes))
 
 

@@ -173,7 +173,8 @@ class Fitting:
         loss: "linear", or a robust one, see LOSSES.
 
     Raises:
-        InputError: for an unknown loss, or a name that no model has.
+        InputError: for an unknown loss, a name that no model has, a quantity that a model does not have, two curves of
+            one name, or the same points twice.
 
     Examples:
         >>> strain = np.linspace(0.1, 1.0, 10)
@@ -193,6 +194,8 @@ class Fitting:
     ):
         if loss not in LOSSES:
             raise InputError(f"The loss is {loss!r}; it must be one of {', '.join(map(repr, LOSSES))}.")
+        _require_measurable(models, curves)
+        _require_once(curves)
         self.space, self.curves, self.loss = Space(ready(models, variables), variables), tuple(curves), loss
         self.given = Space(models, variables)
         """The same leaves of the models as they were given."""
@@ -358,6 +361,50 @@ class Fitting:
         return RobustFactors(factor, factor * mean)
 
 
+def _require_measurable(models: Mapping[str, Scene | Tension], curves: Sequence[Curve]) -> None:
+    """An InputError for a curve of what its model does not have, and for two of one name."""
+    names = [curve.name for curve in curves]
+    for curve in curves:
+        if names.count(curve.name) > 1:
+            raise InputError(f"Two curves are called {curve.name!r}; give each a name of its own.")
+        if curve.model not in models:
+            known = ", ".join(map(repr, models))
+            raise InputError(f"Curve {curve.name!r} is of the model {curve.model!r}; it must be one of {known}.")
+        model = models[curve.model]
+        kinds = {"stress": "pressure"} if isinstance(model, Tension) else model.prepared().OBSERVABLES
+        if curve.quantity not in kinds:
+            raise InputError(
+                f"Curve {curve.name!r} measures {curve.quantity!r}; of its model it must be one of {', '.join(kinds)}."
+            )
+        allowed = (0, 1) if kinds[curve.quantity] == "position" else (None,)
+        if curve.component not in allowed:
+            raise InputError(
+                f"The component of curve {curve.name!r} is {curve.component}; of {curve.quantity!r} it must be "
+                f"{' or '.join(map(str, allowed))}."
+            )
+
+
+def _require_once(curves: Sequence[Curve]) -> None:
+    """An InputError where two curves or specimens that are fitted hold the same points: a measurement counts once, and
+    twice it would make every interval too narrow."""
+    seen: dict[Any, str] = {}
+    for curve in curves:
+        for label in dict.fromkeys(curve.labels) if curve.fit else ():
+            own = curve.labels == label
+            points = np.column_stack([curve.x[own], curve.y[own]])
+            # Few points, or a quantity that has not begun, may be the same by chance.
+            if len(points) < ALIKE or np.ptp(points[:, 1]) == 0:
+                continue
+            what = f"curve {curve.name!r}" + (f", specimen {str(label)!r}" if label else "")
+            key = (curve.model, curve.quantity, curve.component, points[np.lexsort(points.T)].tobytes())
+            if key in seen:
+                raise InputError(f"The points of {what} are those of {seen[key]}; a measurement counts once.")
+            seen[key] = what
+
+
+ALIKE = 3
+"""So many points are not the same by chance."""
+
 START_NOISE = 1e-2
 """The estimate of a noise begins at this part of the size of its curve."""
 
@@ -369,10 +416,11 @@ NORMAL_MAD = 1.4826
 
 
 def _directions(jacobian: Array) -> tuple[Array, Array]:
-    """(orthonormal columns u, b) with J = u b^+; those of b are huge, not infinite, where nothing determines them."""
+    """(orthonormal columns u, b) with J = u b^+; those of b are huge, not infinite, where nothing determines them, and so
+    are all where J is zero."""
     u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
-    least = jnp.finfo(s.dtype).eps * jnp.max(s)
-    return u, vt.T / jnp.maximum(s, jnp.where(least > 0, least, 1.0))[None, :]
+    least, largest = jnp.finfo(s.dtype).eps, jnp.max(s)
+    return u, vt.T / jnp.maximum(s, least * jnp.where(largest > 0, largest, 1.0))[None, :]
 
 
 def inverse_square(jacobian: Array) -> Array:

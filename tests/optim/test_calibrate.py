@@ -16,11 +16,12 @@ from optim.calibration.fit import calibrate, implausible
 from optim.calibration.identifiability import _finger_scenes, _shell_scenes, candidates, unknown_directions
 from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
-from optim.calibration.report import Findings, examine, misfit, over_specimens, spread_of_specimens
+from optim.calibration.report import Findings, examine, is_determined, misfit, over_specimens, spread_of_specimens
 from optim.calibration.run import _lines
 from optim.calibration.systematic import offset
 from optim.space import Variable, to_free
 from optim.tension.test import Tension
+from softgrip_jax.errors import InputError
 from softgrip_jax.results import Status
 from softgrip_jax.units import kPa, mm
 
@@ -330,7 +331,7 @@ def test_curves_that_share_parameters_are_not_said_to_be_missed():
     models, y, noise = {"test": Tension(sg.Yeoh(c1=50e3))}, columns @ [60e3, 4e3, 100.0], 2e3
 
     def said(square):
-        errors = [np.sqrt(square) * noise * unmet, 0.0, 0.0]
+        errors = [np.sqrt(square) * noise * unmet, 0.0, 1e-6 * noise]
         curves = [
             Curve(name, "test", "stress", "pressure", strain, y + e, noise=noise)
             for name, e in zip("abc", errors, strict=True)
@@ -696,3 +697,74 @@ def test_an_error_is_no_part_of_nothing():
     """3.31 mm of a curve of zeros was 0.3 %: of a metre."""
     assert free_curve(np.full(20, 10 * mm)).share(0.1 * mm) == " (1.0%)"
     assert free_curve(np.zeros(20)).share(3.31 * mm) == ""
+
+
+STRAINS = np.linspace(0.1, 1.0, 10)
+STRESSES = 100 * kPa * (1 + STRAINS - (1 + STRAINS) ** -2) * (1 + 1e-2 * np.cos(9 * STRAINS))
+
+
+def strip_fitting(*curves, low=10 * kPa, high=1000 * kPa):
+    strip = Tension(sg.NeoHookean(mu=150 * kPa))
+    return Fitting({"strip": strip}, [Variable("material.mu", low, high, "log")], curves)
+
+
+def strip_curve(name="test", x=STRAINS, y=STRESSES, model="strip", quantity="stress", **more):
+    return Curve(name, model, quantity, "pressure", x, y, **more)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"y": np.append(STRESSES[:1], np.full(9, np.nan))}, r"y\[1\] of curve 'test' is nan"),
+        ({"x": np.append(np.inf, STRAINS[1:])}, r"x\[0\] of curve 'test' is inf"),
+        ({"y": STRESSES[1:]}, "x has 10, y has 9"),
+        ({"specimen": np.zeros(3, dtype=int), "specimens": ("a",)}, "specimen has 3"),
+        ({"x": np.array([]), "y": np.array([])}, "must be a list of numbers"),
+        ({"x": STRAINS - 2}, "a strain must be above -1"),
+        ({"x": -STRAINS, "quantity": "inflation"}, "a gauge pressure must be zero or more"),
+    ],
+)
+def test_points_that_cannot_be_meant_are_refused(wrong, words):
+    with pytest.raises(InputError, match=words):
+        strip_curve(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"model": "strap"}, "is of the model 'strap'; it must be one of 'strip'"),
+        ({"quantity": "force"}, "measures 'force'; of its model it must be one of stress"),
+        ({"component": 1}, "component of curve 'test' is 1"),
+    ],
+)
+def test_curves_of_what_no_model_has_are_refused(wrong, words):
+    with pytest.raises(InputError, match=words):
+        strip_fitting(strip_curve(**wrong))
+
+
+def test_points_count_once():
+    """Given twice they made the interval narrower by a third, and nothing was said."""
+    again, half = strip_curve("again", STRAINS[::-1], STRESSES[::-1]), np.repeat([0, 1], 10)
+    doubled = {"x": np.tile(STRAINS, 2), "y": np.tile(STRESSES, 2), "specimen": half, "specimens": ("a", "b")}
+    with pytest.raises(InputError, match="of curve 'again' are those of curve 'test'"):
+        strip_fitting(strip_curve(), again)
+    with pytest.raises(InputError, match="curve 'test', specimen 'b' are those of curve 'test', specimen 'a'"):
+        strip_fitting(strip_curve(**doubled))
+    with pytest.raises(InputError, match="Two curves are called 'test'"):
+        strip_fitting(strip_curve(), strip_curve(y=2 * STRESSES))
+    assert len(strip_fitting(strip_curve(), dataclasses.replace(again, fit=False)).curves) == 2
+
+
+def test_bootstrap_fits_on_a_bound_set_no_end():
+    """They all sit there, and the interval was '150 to 150 kPa'."""
+    found = calibrate(strip_fitting(strip_curve(), low=150 * kPa), starts=1)
+    ends = intervals(found, "bootstrap", repeats=100)
+    assert np.all(np.isnan([ends.low, ends.high]))
+    assert any("no end to its interval below" in note for note in ends.notes)
+
+
+def test_what_the_data_do_not_depend_on_is_not_determined():
+    """All strains are zero: the interval was '28 to 1420 kPa', of a made-up deviation of one."""
+    found = calibrate(strip_fitting(strip_curve(x=np.zeros(10))), starts=1)
+    assert found.deviation[0] > 1e6
+    assert not is_determined(found, 0)
