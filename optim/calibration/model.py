@@ -416,8 +416,8 @@ NORMAL_MAD = 1.4826
 
 
 def _directions(jacobian: Array) -> tuple[Array, Array]:
-    """(orthonormal columns u, b) with J = u b^+; those of b are huge, not infinite, where nothing determines them, and so
-    are all where J is zero."""
+    """(orthonormal columns u, b) with J = u b^+; those of b are huge, not infinite, where nothing determines them, and
+    so are all where J is zero."""
     u, s, vt = jnp.linalg.svd(jacobian, full_matrices=False)
     least, largest = jnp.finfo(s.dtype).eps, jnp.max(s)
     return u, vt.T / jnp.maximum(s, least * jnp.where(largest > 0, largest, 1.0))[None, :]
