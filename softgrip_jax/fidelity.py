@@ -495,6 +495,9 @@ def _resolved(scene: Any, left_out: tuple[str, ...], share: float) -> Iterator[L
     cost = SECTION_COST.get(str(scene.section), SECTION_COST["exact"]) * share
     gain = 1.0 if scene.is_cell() else POINT_GAIN
     each, finest, count = (FEWEST_POINTS if parts == 1 else PART_POINTS), max(FINEST_POINTS, scene.method().points), 0
+    # Under strong loads `solve` takes more: models with fewer would all be the same one.
+    fewest = scene.with_method(pneunet.Collocation(each * parts)).prepared().method().points
+    each = max(each, math.ceil(fewest / parts))
     while True:
         every = each * parts
         finer = scene.with_method(pneunet.Collocation(every))

@@ -230,6 +230,15 @@ def test_ladders_of_every_kind_are_ordered_and_complete():
     assert len(fidelity.model_ladder(sg.shell.CylinderContact(shell(), **ROD), ["force"])) == 1
 
 
+def test_models_under_strong_loads_have_the_points_that_they_say():
+    """`solve` raised the points of all of them to one number: the error was that of a model beside itself, nothing."""
+    pulled = sg.pneunet.TipContact(pneunet(TYPE_A), tip_pull=0.5, drive="cell")
+    ladder = fidelity.model_ladder(pulled, ["tip_force"])[1:]
+    assert len(ladder) > 3
+    for model in ladder:
+        assert model.numerics == f"{model.scene.prepared().method().points} points along the finger"
+
+
 def test_every_model_ignores_the_rules_that_its_scene_ignores():
     """Energy membranes had them all: of a scene that broke one no model had a value."""
     ignored = ("membrane_above_clamp", "membrane_clear_at_rest")
