@@ -18,6 +18,7 @@ import signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.argv[0] = "softgrip"
 from softgrip_jax.cli import main
+print("Finished importing", file=sys.stderr, flush=True)
 main()
 """
 
@@ -106,7 +107,7 @@ def test_ctrl_c_at_any_moment_of_the_first_seconds(command, tmp_path):
     for attempt in range(6):
         folder = tmp_path / str(attempt)
         folder.mkdir()
-        early.append(check(folder, command, "", drawn.uniform(0.5, 3.0), may_have_ended=True))
+        early.append(check(folder, command, "Finished importing", drawn.uniform(0.0, 2.5), may_have_ended=True))
     assert any(early)
 
 
