@@ -32,14 +32,16 @@ NOISY = 2.0
 
 
 def misses(fit: Any) -> dict[str, float]:
-    """Of every fitted curve of a `Fit`: the RMS error as a part of its range, of its size where all points are at one
-    pressure or strain, whose range is that of the noise; 0 where that is the stated noise."""
+    """Of every fitted curve of a `Fit`: the RMS error as a part of the range of the points that were used, of the size
+    of the curve where all are at one pressure or strain, whose range is that of the noise; 0 where that is the stated
+    noise."""
     found = {}
     for k, curve in enumerate(fit.fitting.curves):
         if curve.fit:
-            error = fit.rmse(k)
+            error, used = fit.rmse(k), fit.used[fit.fitting.of_curve == k]
+            x, y = (curve.x[used], curve.y[used]) if used.any() else (curve.x, curve.y)
             is_noise = curve.noise is not None and error <= NOISY * curve.noise
-            span = float(np.ptp(curve.y)) if np.ptp(curve.x) > 0 else 0.0
+            span = float(np.ptp(y)) if np.ptp(x) > 0 else 0.0
             found[curve.name] = 0.0 if is_noise else error / (span or curve.size)
     return found
 

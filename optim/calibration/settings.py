@@ -23,6 +23,7 @@ given, or around the bound next to that.
 from __future__ import annotations
 
 import dataclasses
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -285,8 +286,8 @@ def read_specimens(folder: Path, file: str | list[str], name: str, x: Column, y:
 
 
 def unlike_headings(name: str, columns: list[Column]) -> list[str]:
-    """A sentence for each column of a curve whose name says another unit than the config does. A name that ends with 1
-    says none."""
+    """A sentence for each column of a curve whose name says another unit than the config does, or of a tension test
+    another measure of strain or stress. A name that ends with 1 says no unit."""
     said = []
     for column in columns:
         found = heading_of(column.name, column.kind)
@@ -296,7 +297,22 @@ def unlike_headings(name: str, columns: list[Column]) -> list[str]:
                 f"{name}: the name of the column {column.name!r} says {unit}, and the config takes its numbers as "
                 f"{column.unit}; is that unit right?"
             )
+    if columns[0].kind == "number":  # a tension test
+        for column, taken in zip(columns, ("strain", "stress"), strict=True):
+            other = OTHER_MEASURES[taken] & set(re.split(r"[\W_]+", column.name.casefold()))
+            if other:
+                said.append(
+                    f"{name}: the column {column.name!r} is taken as engineering {taken}, and its name says "
+                    f"{min(other)}; is it that?"
+                )
     return said
+
+
+OTHER_MEASURES = {
+    "strain": {"stretch", "lambda", "λ", "true", "log", "logarithmic", "hencky"},
+    "stress": {"true", "cauchy"},
+}
+"""Words in the name of a column that is neither change of length over length nor force over undeformed section."""
 
 
 def _names(files: list[str]) -> tuple[str, ...]:

@@ -179,6 +179,9 @@ WIDE_SPREAD = 2.0
 LEAST_STRAIN = 0.05
 """A test that ends below this strain is hardly one of an elastomer."""
 
+LARGEST_STRAIN = 15.0
+"""No silicone or rubber is stretched further."""
+
 
 def verdicts(found: Comparison) -> list[str]:
     """How far to trust it, in sentences."""
@@ -187,6 +190,11 @@ def verdicts(found: Comparison) -> list[str]:
         said.append(
             f"The test ends at {100 * found.curve.x.max():.4g} % strain, and one of an elastomer at tens of per cent: "
             "is the unit of the strain right?"
+        )
+    if found.curve.x.max() > LARGEST_STRAIN:
+        said.append(
+            f"The test goes to {100 * found.curve.x.max():.0f} % strain, and no silicone or rubber beyond "
+            f"{100 * LARGEST_STRAIN:.0f} %: is the unit of the strain right?"
         )
     if found.windows and not SOFT < found.windows[0].mu < STIFF:
         said.append(

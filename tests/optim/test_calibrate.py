@@ -12,7 +12,8 @@ from scipy import optimize, stats
 import softgrip_jax as sg
 from optim.calibration.cross_validation import by_specimen, held_out
 from optim.calibration.data import Curve
-from optim.calibration.fit import calibrate, implausible
+from optim.calibration.drives import misses
+from optim.calibration.fit import calibrate, finished, implausible
 from optim.calibration.identifiability import _finger_scenes, _shell_scenes, candidates, unknown_directions
 from optim.calibration.intervals import bootstrap_fits, intervals
 from optim.calibration.model import CAUCHY, HUBER, SOFT_L1, Fitting
@@ -768,3 +769,11 @@ def test_what_the_data_do_not_depend_on_is_not_determined():
     found = calibrate(strip_fitting(strip_curve(x=np.zeros(10))), starts=1)
     assert found.deviation[0] > 1e6
     assert not is_determined(found, 0)
+
+
+def test_points_that_are_left_out_do_not_widen_the_range_of_a_curve():
+    """An error of a third of all that was fitted was a thousandth of an outlier that was not."""
+    whole = strip_fitting(strip_curve(y=np.append(50 * kPa + STRESSES[:-1] % (30 * kPa), 100 * STRESSES[-1])))
+    member = whole.member(to_free(np.array([0.5])), weight=np.append(np.ones(9), 0.0))
+    found = finished(whole, member)
+    assert misses(found)["test"] == pytest.approx(found.rmse(0) / np.ptp(whole.y[:-1]))

@@ -127,6 +127,36 @@ def test_a_test_of_few_per_cent_is_asked_for_its_unit(compared):
     assert not any("unit of the strain" in sentence for sentence in verdicts(compared))
 
 
+def test_a_test_of_thousands_of_per_cent_is_asked_for_its_unit():
+    """Per cent read as numbers: a modulus of 2 kPa was written, and nothing was asked."""
+    long = compare(curve(1e5 * RISE, 100 * STRAIN), ["NeoHookean"], 150.0, [150.0])
+    asked = [sentence for sentence in verdicts(long) if "unit of the strain" in sentence]
+    assert asked == [
+        "The test goes to 15000 % strain, and no silicone or rubber beyond 1500 %: is the unit of the strain right?"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("strain", "stress", "said"),
+    [
+        ("stretch", "stress", ["'stretch' is taken as engineering strain, and its name says stretch; is it that?"]),
+        (
+            "strain",
+            "true_stress",
+            ["'true_stress' is taken as engineering stress, and its name says true; is it that?"],
+        ),
+        ("strain", "stress", []),
+    ],
+)
+def test_columns_of_another_measure_are_asked_about(tmp_path, strain, stress, said):
+    """True stresses up to 200 % strain gave two and a half times the modulus, without a word."""
+    path = written(tmp_path)
+    path.write_text(CONFIG.replace('"strain"', f'"{strain}"').replace('"stress"', f'"{stress}"'))
+    data = tmp_path / "test.csv"
+    data.write_text(data.read_text().replace("strain,stress", f"{strain},{stress}"))
+    assert [note.removeprefix("tension: the column ") for note in read(path)[1].notes] == said
+
+
 def test_a_strain_that_falls_again_is_said(tmp_path):
     """A loop of loading and unloading gave the modulus of their middle without a word."""
     rows = [*zip(100 * STRAIN, 100 * RISE, strict=True), *zip(100 * STRAIN[::-1], 70 * RISE[::-1], strict=True)]
