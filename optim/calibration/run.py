@@ -179,8 +179,13 @@ def _lines(findings: Findings) -> list[str]:
         unit = DISPLAY[kind][1]
         text = f"{unit_key(name, kind)} = {fit.x[j] / unit:.6g}"
         for one in findings.intervals:
-            ends = f"{one.low[j] / unit:.6g} to {one.high[j] / unit:.6g}"
-            text += f", 95 % {ends} ({one.method})" if is_determined(fit, j) else ", not determined by the data"
+            low, high = (f"{end / unit:.6g}" if np.isfinite(end) else "open" for end in (one.low[j], one.high[j]))
+            if fit.on_bound[j] and one.method == "gauss_newton":
+                text += ", on its bound"
+            elif is_determined(fit, j):
+                text += f", 95 % {low} to {high} ({one.method})"
+            else:
+                text += ", not determined by the data"
         over = None if findings.specimens is None else over_specimens(fit, findings.specimens, j)
         if over is not None:
             text += f"; {_of_specimens(over, unit)} ({over.test})"

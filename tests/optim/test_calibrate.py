@@ -762,6 +762,9 @@ def test_bootstrap_fits_on_a_bound_set_no_end():
     ends = intervals(found, "bootstrap", repeats=100)
     assert np.all(np.isnan([ends.low, ends.high]))
     assert any("no end to its interval below" in note for note in ends.notes)
+    both = (intervals(found, "gauss_newton"), ends)
+    (line,) = _lines(Findings(found, both, {}, None, (), ()))  # what calibrated.toml says
+    assert line == "material.mu_kPa = 150, on its bound, 95 % open to open (bootstrap)"
 
 
 def test_what_the_data_do_not_depend_on_is_not_determined():
