@@ -56,6 +56,8 @@ class Rival(NamedTuple):
     points -inf."""
     lost: tuple[int, int] = (0, 0)
     """Fitted points without a state."""
+    over_both: tuple[float, float] = (0.0, 0.0)
+    """The likelihoods of both over the points that both reach."""
 
     @property
     def better(self) -> str | None:
@@ -113,7 +115,14 @@ class Rival(NamedTuple):
         verb = "comes nearer to" if self.fits[place].on_bound.any() else "explains"
         if not np.isfinite(gain):
             some = "more points" if min(self.lost) else "some points"
-            return f"The drive {self.better!r} {verb} the curves; by {worse!r} {some} have no state{rests}."
+            said = f"The drive {self.better!r} {verb} the curves; by {worse!r} {some} have no state{rests}."
+            ahead = self.over_both[1 - place] - self.over_both[place]
+            if ahead >= TOLD_APART:
+                said += (
+                    f" Over the points that both reach {worse!r} is the better (the logarithm of the likelihood is "
+                    f"{ahead:.3g} larger): are the others measured right?"
+                )
+            return said
         than = f"than {worse!r}" if verb != "explains" else f"better than {worse!r}"
         return (
             f"The drive {self.better!r} {verb} the curves {than}: the logarithm of the likelihood is "
@@ -167,6 +176,7 @@ def rival(fit: Any, second: Any, drives: tuple[str, str]) -> Rival:
         drives,
         (one if lost[0] <= lost[1] else -np.inf, other if lost[1] <= lost[0] else -np.inf),
         lost,
+        (one, other),
     )
 
 

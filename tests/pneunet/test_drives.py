@@ -398,6 +398,7 @@ def test_points_that_neither_drive_reaches_do_not_hide_the_others():
         return SimpleNamespace(
             on_bound=np.array([False]),
             fitting=fitting,
+            used=np.isfinite(errors),
             errors=errors,
             rmse=lambda k: float(np.sqrt(np.mean(left**2))),
         )
@@ -413,6 +414,11 @@ def test_points_that_neither_drive_reaches_do_not_hide_the_others():
     fewer = rival(good, fit([0.2, -0.2, np.nan, np.nan, np.nan]), ("thesis", "cell"))
     assert fewer.lost == (1, 3)
     assert fewer.sentence() == "The drive 'thesis' explains the curves; by 'cell' more points have no state."
+    beside = rival(bad, fit([0.01, -0.01, 0.01, np.nan, np.nan]), ("thesis", "cell"))
+    assert beside.sentence() == (
+        "The drive 'thesis' explains the curves; by 'cell' more points have no state. Over the points that both reach "
+        "'cell' is the better (the logarithm of the likelihood is 8.99 larger): are the others measured right?"
+    )
     apart = rival(fit([np.nan, -0.01, 0.01, -0.01, 0.01]), bad, ("thesis", "cell"))
     assert apart.likelihoods[0] - apart.likelihoods[1] == pytest.approx(3 * np.log(20), rel=1e-12)
     assert rival(good, fit([0.01, 0.01, 0.01, 0.01, np.nan]), ("thesis", "cell")).better is None
@@ -421,8 +427,9 @@ def test_points_that_neither_drive_reaches_do_not_hide_the_others():
 def fit_of(error=0.1, on_bound=False, noise=None):
     """A fit of one curve with a range of 2, by its RMS error."""
     curve = SimpleNamespace(name="force", fit=True, noise=noise, x=np.arange(2), y=np.array([1.0, 3.0]), size=3.0)
-    fitting = SimpleNamespace(space=SimpleNamespace(names=["finger.t_m"]), curves=[curve])
-    return SimpleNamespace(on_bound=np.array([on_bound]), fitting=fitting, rmse=lambda k: error)
+    fitting = SimpleNamespace(space=SimpleNamespace(names=["finger.t_m"]), curves=[curve], of_curve=np.zeros(2, int))
+    used = np.ones(2, bool)
+    return SimpleNamespace(on_bound=np.array([on_bound]), fitting=fitting, used=used, rmse=lambda k: error)
 
 
 def test_no_drive_explains_what_neither_follows():
@@ -461,7 +468,8 @@ def test_a_fit_without_a_state_is_json():
     other = SimpleNamespace(
         rmse=lambda k: [np.nan, 0.5][k],
         x=np.array([1.0]),
-        fitting=SimpleNamespace(curves=[curve("lost"), curve("free")]),
+        fitting=SimpleNamespace(curves=[curve("lost"), curve("free")], of_curve=np.array([0, 0, 1, 1])),
+        used=np.array([False, False, True, True]),
     )
     rival = Rival((other, other), ("thesis", "cell"), (0.0, -np.inf))
     found = _other(rival, lambda x: {"mu": x[0]})
