@@ -235,6 +235,13 @@ def test_a_stop_during_the_cell_law_keeps_the_rows_of_the_thesis(found, tmp_path
     assert reproduce.CELL_TITLE not in page
 
 
+def test_our_nonuniform_finger_can_be_made():
+    """Its walls were thicker than its shortest chambers are long: a rule that came later left it without an answer."""
+    margins = fingers.nonuniform().margins_at_rest()
+    assert all(float(margin) >= 0 for margin in margins.values())
+    assert {"walls_fit", "mould_range"} <= set(margins)
+
+
 @pytest.mark.slow
 def test_every_number_of_the_finger_is_accounted_for():
     found = fingers.compute()

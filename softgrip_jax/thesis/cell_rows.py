@@ -211,7 +211,7 @@ def _trends(found: Fingers, by_cell: ByCell) -> dict[tuple[str, str], Beside]:
         ),
         (
             "figure 6.17",
-            "denser chambers towards the tip move the bending there (ours: 6.4 to 2 mm long, 21 kPa)",
+            "denser chambers towards the tip move the bending there (ours: 5.1 to 3.3 mm long, 21 kPa)",
         ): Beside("-", "", f"the cell law was not fitted to such chambers: {'; '.join(nonuniform)}"),
         ("figure 6.19", "the tip force rises with the pressure, up to the fold"): Beside(
             f"type A {in_units(force[P_11], 'force')} at 11 kPa, {in_units(force[P_31], 'force')} at 31 kPa",

@@ -280,7 +280,7 @@ def _trends(found: Fingers) -> list[Row]:
         missing("figure 6.17", "the nonuniform finger's chambers", "", "its dimensions are not printed"),
         statement(
             "figure 6.17",
-            "denser chambers towards the tip move the bending there (ours: 6.4 to 2 mm long, 21 kPa)",
+            "denser chambers towards the tip move the bending there (ours: 5.1 to 3.3 mm long, 21 kPa)",
             f"outer third {dense[1]:.1f}/m, evenly spaced {even[1]:.1f}/m; inner third {dense[0]:.1f}/m, "
             f"{even[0]:.1f}/m",
             dense[1] > even[1] and dense[0] < even[0],

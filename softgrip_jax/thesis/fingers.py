@@ -70,7 +70,7 @@ def free(kind: str, length: Any = 77 * mm, section: str = "thesis", **fields: An
 
 def nonuniform() -> Free:
     """Chambers ever closer towards the tip, as in figure 6.17; the thesis does not print its own."""
-    return free("A", h_L=jnp.linspace(6.4, 2.0, SEGMENTS) * mm)
+    return free("A", h_L=jnp.linspace(5.1, 3.3, SEGMENTS) * mm)
 
 
 def compute(tell: Tell = silent) -> Fingers:
