@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax import lax
 from jaxtyping import Array, Bool, Float
 
-from ..numerics.choice import smallest
+from ..numerics.choice import select, smallest
 from ..numerics.implicit import implicit
 from ..reasons import Reason
 from ..results import Solution, Status, stop_gradient_where_failed
@@ -22,10 +22,12 @@ Vector = Float[Array, " n"]
 
 LARGEST_LOAD = 4.0
 """Cube root of the largest p a / (mu t_m) that is looked at: 64 is three times more than any measured shell had."""
-FIRST_LOAD, GROWTH = 0.3, 1.5
+FIRST_LOAD, GROWTH = 0.3, 1.2
 """The first cube root that is tried, and its growth until the wanted state is passed."""
-SEEK_STEPS, MEETS = 60, 2e-13
+SEEK_STEPS, MEETS = 120, 2e-13
 """The most trials, and the relative error that ends them."""
+TOP_KNOWN = 1e-3
+"""Where an observable turns below its wanted value is known this well, relative to the load, before it is passed."""
 END_KNOWN = 1e-5
 """Where equilibrium ends is known this well, relative to the load, before the search gives up."""
 
@@ -65,60 +67,98 @@ class Sought(NamedTuple):
     """The last pressure (Pa) below that end, within END_KNOWN; NaN where nothing says that it ends."""
 
 
+class _End(NamedTuple):
+    """An end of the interval that is looked at."""
+
+    load: Scalar
+    value: Scalar
+    """Of the surplus, there; NaN where there is no equilibrium, or where nothing is known."""
+    rise: Scalar
+    """Its slope by the load."""
+    known: tuple[Vector, Scalar, Vector]
+    """An equilibrium there, its load, and its change per load."""
+
+
+class _Search(NamedTuple):
+    low: _End
+    """The last equilibrium that counts as below; the value is sought between it and what follows,"""
+    top: _End
+    """where the surplus is negative and falls, but has risen before: it may be positive in between;"""
+    high: _End
+    """or the value is passed, or there is no equilibrium. Loads that are not known are inf."""
+    load: Scalar
+    """What is tried next."""
+    side: Array
+    last: tuple[Found, Scalar]
+    count: Array
+
+
 def seek(method: Any, scene: Any, surplus: Callable[[Vector, Scalar], Scalar]) -> Sought:
-    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: by false position."""
+    """Where surplus(unknowns, pressure), negative at low pressure, first rises through zero: by false position.
+
+    Where it falls at a trial and has risen before, the top in between is looked at before anything higher is."""
     unit = scene.unit()
     zero = jnp.zeros_like(unit)
-    unknown = zero + jnp.nan
+    flat = scene.unloaded_state(), zero, scene.first_guess(zero + 1)
+    none = _End(zero + jnp.inf, zero + jnp.nan, zero, flat)
 
-    def step(state):
-        start, start_load, slope, low, low_value, high, high_value, load, side, _, count = state
-        found, *after = method.find_from(scene, start, start_load, slope, load**3 * unit)
+    def step(state: _Search) -> _Search:
+        load, low, high = state.load, state.low, state.high
+        found, *after = method.find_from(scene, *low.known, load**3 * unit)
         solved = (found.status == Status.OK) | (found.status == Status.NO_CONTACT)
-        value = jnp.where(solved, surplus(found.unknowns, found.pressure), jnp.nan)
-        below = value < 0
+        moves = after[2], 3 * load**2 * unit
+        value, rise = jax.jvp(surplus, (found.unknowns, found.pressure), moves)
+        here = _End(load, jnp.where(solved, value, jnp.nan), rise, tuple(after))
+        below = here.value < 0
+        turned = below & (rise < 0) & ((low.rise > 0) | (here.value > low.value))
+        inside = jnp.isfinite(state.top.load)
         new_side = jnp.where(below, -1, 1)
-        stays = new_side == side
+        stays = (new_side == state.side) & ~inside & ~turned
         # The end that stays counts half (Illinois); an end without equilibrium has no value.
-        high_value = jnp.where(below & stays, 0.5 * high_value, jnp.where(below, high_value, value))
-        low_value = jnp.where(~below & stays, 0.5 * low_value, jnp.where(below, value, low_value))
-        low, high = jnp.where(below, load, low), jnp.where(below, high, load)
-        part = low_value / (low_value - high_value)
-        inside = low + (high - low) * jnp.where(jnp.isfinite(part), part, 0.5)
-        further = jnp.where(load < LARGEST_LOAD, jnp.minimum(GROWTH * load, LARGEST_LOAD), jnp.inf)
-        next_load = jnp.where(jnp.isfinite(high), inside, further)
-        kept = jax.tree.map(lambda a, b: jnp.where(below, a, b), tuple(after), (start, start_load, slope))
-        return *kept, low, low_value, high, high_value, next_load, new_side, (found, value), count + 1
+        halved_high = high._replace(value=jnp.where(stays, 0.5 * high.value, high.value))
+        halved_low = low._replace(value=jnp.where(stays, 0.5 * low.value, low.value))
+        low = select(turned, low, select(below, here, halved_low))
+        high = select(below, halved_high, here)
+        top = select(turned, here, select(below, state.top, none))
+        # Nothing is met at the top: its far side is the next low end.
+        passed = jnp.isfinite(top.load) & (top.load - low.load < TOP_KNOWN * top.load)
+        low, top = select(passed, top, low), select(passed, none, top)
+        part = low.value / (low.value - high.value)
+        between = low.load + (high.load - low.load) * jnp.where(jnp.isfinite(part), part, 0.5)
+        further = jnp.where(low.load < LARGEST_LOAD, jnp.minimum(GROWTH * low.load, LARGEST_LOAD), jnp.inf)
+        ahead = jnp.where(jnp.isfinite(high.load), between, further)
+        ahead = jnp.where(jnp.isfinite(top.load), 0.5 * (low.load + top.load), ahead)
+        side = jnp.where(inside | turned, 0, new_side)
+        return _Search(low, top, high, ahead, side, (found, here.value), state.count + 1)
 
-    def busy(state):
-        low, high, load, (_, value), count = state[3], state[5], state[7], state[9], state[10]
-        open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (load <= LARGEST_LOAD)
+    def busy(state: _Search):
+        low, high, value = state.low.load, state.high.load, state.last[1]
+        open_ = ~(jnp.isfinite(high) & (high - low <= 1e-15 * high)) & (state.load <= LARGEST_LOAD)
         near_end = jnp.isnan(value) & jnp.isfinite(high) & (high - low < END_KNOWN * high)
-        return ~(jnp.abs(value) <= MEETS) & open_ & ~near_end & (count < SEEK_STEPS)
+        return ~(jnp.abs(value) <= MEETS) & open_ & ~near_end & (state.count < SEEK_STEPS)
 
     def begun(last):
-        return (
-            scene.unloaded_state(), zero, scene.first_guess(zero + 1), zero, unknown, zero + jnp.inf, unknown,
-            zero + FIRST_LOAD, jnp.asarray(0), last, jnp.asarray(0),
-        )  # fmt: skip
+        low = none._replace(load=zero)
+        return _Search(low, none, none, zero + FIRST_LOAD, jnp.asarray(0), last, jnp.asarray(0))
 
-    nothing = Found(scene.unloaded_state(), zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), unknown
-    shapes = jax.eval_shape(lambda last: step(begun(last))[9], nothing)
+    nothing = Found(flat[0], zero, jnp.asarray(int(Status.NOT_CONVERGED)), jnp.asarray(0)), none.value
+    shapes = jax.eval_shape(lambda last: step(begun(last)).last, nothing)
     nothing = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes)
-    last = lax.while_loop(busy, step, begun((nothing[0], unknown)))
-    (low, high, load), (found, value) = (last[3], last[5], last[7]), last[9]
-    end = jnp.where(jnp.isfinite(high) & jnp.isnan(value), low**3 * unit, jnp.nan)
-    return Sought(found, value, jnp.isnan(value) | (load > LARGEST_LOAD), end)
+    end = lax.while_loop(busy, step, begun((nothing[0], none.value)))
+    (found, value), high = end.last, end.high
+    last = jnp.where(jnp.isfinite(high.load) & jnp.isnan(value), end.low.load**3 * unit, jnp.nan)
+    return Sought(found, value, jnp.isnan(value) | (end.load > LARGEST_LOAD), last)
 
 
 def solve_for(method: Any, scene: Any, name: str, target: Scalar) -> Solution:
     """The solution at the pressure that gives an observable its wanted value.
 
-    What may have either sign is sought on its way from zero, up or down."""
+    What may go either way from its value at rest is sought on that way, up or down."""
     fixed, value = frozen((scene, target))
 
     def surplus(scene, target, unknowns, pressure):
-        sense = jnp.where((target < 0) & (name in scene.EITHER_SIGN), -1.0, 1.0)
+        falls = False if (rest := scene.EITHER_WAY.get(name)) is None else target < rest
+        sense = jnp.where(falls, -1.0, 1.0)
         return sense * surplus_over(name, target, scene.observe(unknowns, pressure))
 
     sought = seek(method, fixed, lambda unknowns, pressure: surplus(fixed, value, unknowns, pressure))

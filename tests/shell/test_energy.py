@@ -594,6 +594,39 @@ def test_a_value_is_found_on_either_side_of_the_middle():
     np.testing.assert_allclose(found.pressure[1], found.pressure[0], rtol=1e-9)
 
 
+def test_a_value_is_met_on_the_way_up_to_where_it_turns():
+    """The moment of a ball beside the middle turns between two trials of the search: that was told to have no answer,
+    or found behind the turn."""
+    wall = sg.shell.ObstacleContact(
+        shell(b=24 * mm), Sphere(8 * mm, 4 * mm, 6 * mm), "along", False, across=1, lengthwise=1
+    )
+    pressures = np.linspace(3, 12, 91) * kPa
+    moments = np.asarray(sg.path(wall, pressures).moment_y)
+    top = int(np.argmax(moments))
+    wanted = jnp.array([*(moments[top] * np.array([0.6, 0.97, 1.01])), moments[-1]])
+    found = jax.jit(jax.vmap(lambda moment: sg.pressure_for(wall, moment_y=moment)))(wanted)
+    assert [Status(int(s)).name for s in found.status] == ["OK", "OK", "BEYOND_LIMIT", "OK"]
+    first = np.interp(wanted[:2], moments[: top + 1], pressures[: top + 1])
+    np.testing.assert_allclose(found.pressure[:2], first, rtol=2e-3)
+    assert float(found.pressure[3]) == pytest.approx(pressures[-1], rel=1e-9)
+
+
+def test_a_flat_membrane_is_not_wrinkled():
+    """It was in all its area, and values below 1 were told to be passed at rest."""
+    free = locking(1e6).without_body()
+    found = jax.jit(jax.vmap(lambda pressure: sg.solve(free, pressure)))(jnp.array([0.0, 1e-3, 1.0, 1 * kPa]))
+    np.testing.assert_array_equal(found.status, Status.OK)
+    np.testing.assert_allclose(found.wrinkled_share[1:], found.wrinkled_share[3], atol=0.05)
+    assert float(found.wrinkled_share[0]) == 0
+
+
+def test_a_stretch_below_1_is_looked_for():
+    """Values below 1 were said to be passed at rest."""
+    free = locking(1e6).without_body()
+    found = sg.pressure_for(free, length_stretch=0.9)
+    assert sg.Reason(int(found.reason)) is sg.Reason.VALUE_NOT_REACHED
+
+
 def test_what_the_free_membrane_never_reaches_is_never_touched():
     far = locking(1e6)
     assert np.isinf(float(sg.contact_pressure(far)))

@@ -12,6 +12,9 @@ from jaxtyping import Array, Float
 from .basis import CONTACT_POINTS, ORDERS, Grid, Vector, at_points, contact_axes
 from .sheet import local, stretching
 
+COMPRESSED = 1e-7
+"""What is narrower than its natural width by less than this part of it counts as flat: stretches that are nearly equal
+are known to the root of rounding."""
 LEAST_ROOT = 1e-30
 """It keeps a square root away from zero whose derivative nobody asks for."""
 MEAN_OVER = 0.6
@@ -51,7 +54,7 @@ def shape_observables(scene: Any, y: Vector) -> dict[str, Array]:
         "length_stretch": jnp.linalg.norm(top.along_y),
         "largest_stretch": jnp.max(larger),
         "clamp_angle": jnp.arctan2(-ends[1, 2, 1], 1 + ends[1, 0, 1]),
-        "wrinkled_share": jnp.dot(work.inside.weights, (determinant < larger).astype(y.dtype)) / 4,
+        "wrinkled_share": jnp.dot(work.inside.weights, (determinant < (1 - COMPRESSED) * larger).astype(y.dtype)) / 4,
     }
 
 
