@@ -780,3 +780,24 @@ def test_points_that_are_left_out_do_not_widen_the_range_of_a_curve():
     member = whole.member(to_free(np.array([0.5])), weight=np.append(np.ones(9), 0.0))
     found = finished(whole, member)
     assert misses(found)["test"] == pytest.approx(found.rmse(0) / np.ptp(whole.y[:-1]))
+
+
+def test_a_profile_without_an_end_within_the_bounds_is_open_there():
+    wide = calibrate(strip_fitting(strip_curve()), starts=1)
+    ends = intervals(wide, "profile")
+    near = calibrate(strip_fitting(strip_curve(), low=0.5 * (ends.low[0] + wide.x[0])), starts=1)
+    found = intervals(near, "profile")
+    assert np.isnan(found.low[0])
+    assert found.high[0] == pytest.approx(ends.high[0], rel=1e-6)
+    assert found.notes == ("material.mu: the data set no end to its interval below within its bounds.",)
+
+
+def test_what_the_other_curves_say_of_one():
+    """Stress is linear in mu: without one curve mu is that of the other, and misses it by the difference."""
+    shape = 1 + STRAINS - (1 + STRAINS) ** -2
+    curves = [strip_curve(name, y=mu * kPa * shape, noise=1 * kPa) for name, mu in (("soft", 100), ("stiff", 120))]
+    found = held_out(calibrate(strip_fitting(*curves), starts=1))
+    assert set(found) == {"soft", "stiff"}
+    for name, mu in (("soft", 120), ("stiff", 100)):
+        np.testing.assert_allclose(found[name][0], mu * kPa, rtol=1e-6)
+        assert found[name][1] == pytest.approx(20 * kPa * np.sqrt(np.mean(shape**2)), rel=1e-6)
