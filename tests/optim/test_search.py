@@ -17,9 +17,9 @@ from scipy.optimize import differential_evolution
 
 import softgrip_jax as sg
 from optim.design import settings
-from optim.design.descent import FEASIBLE, Design, SearchResult, search
-from optim.design.front_run import errors_of_shells, near_limits
-from optim.design.run import _batch, _of_materials
+from optim.design.descent import FEASIBLE, Design, search
+from optim.design.front_run import errors_of_shells, near_limits, of_materials
+from optim.design.run import _batch
 from optim.problem import Goal, Limits, Measured, Problem, Quantity
 from optim.space import Space, Variable
 from softgrip_jax import config as configs
@@ -139,10 +139,9 @@ def test_the_report_tells_where_the_best_design_is_stretched_too_far():
     goals = [Goal("maximise", Quantity("inflation", at=19 * kPa)), Goal("minimise", Quantity("stretch", at=15 * kPa))]
     problem = Problem(Space({"free": free}, [Variable("shell.t_m", 1 * mm, 2 * mm)]), goals)
     near, far = (sg.solve(free, p * kPa) for p in (15, 19))
-    found = Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [near, far]})
-    (words,) = _of_materials(found)
+    (words,) = of_materials(problem, {("free", 19 * kPa): [near, far]}, 1, 1)
     assert words.startswith("Design 1, 19 kPa: stretch 1.74 is more than the 1.5 or so")
-    assert _of_materials(Mock(spec=SearchResult, problem=problem, solutions={("free", 19 * kPa): [far, near]})) == []
+    assert of_materials(problem, {("free", 19 * kPa): [far, near]}, 1, 1) == []
 
 
 def test_the_error_of_a_force_is_told_where_its_pressure_is_sought():
