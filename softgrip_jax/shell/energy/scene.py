@@ -53,11 +53,10 @@ class EnergyScene(Scene):
     SOLVERS: ClassVar[tuple[str, ...]] = ("MinimumEnergy",)
     MODEL: ClassVar[str] = "energy"
     """What scenes that have the choice call it."""
-    EITHER_WAY: ClassVar[dict[str, float]] = (
-        {"force_x": 0.0, "force_y": 0.0}
-        | {"moment_x": 0.0, "moment_y": 0.0, "moment_z": 0.0}
-        | {"stretch": 1.0, "length_stretch": 1.0}
-    )
+    EITHER_WAY: ClassVar[dict[str, float]] = {
+        **dict.fromkeys(("force_x", "force_y", "moment_x", "moment_y", "moment_z"), 0.0),
+        **dict.fromkeys(("stretch", "length_stretch"), 1.0),
+    }
     """Observables that rise or fall from their value at rest, as the object lies: `pressure_for` seeks either way."""
 
     shell: FlatShell = part(FlatShell)
