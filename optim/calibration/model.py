@@ -398,7 +398,10 @@ def _require_once(curves: Sequence[Curve]) -> None:
             what = f"curve {curve.name!r}" + (f", specimen {str(label)!r}" if label else "")
             key = (curve.model, curve.quantity, curve.component, points[np.lexsort(points.T)].tobytes())
             if key in seen:
-                raise InputError(f"The points of {what} are those of {seen[key]}; a measurement counts once.")
+                raise InputError(
+                    f"The points of {what} are those of {seen[key]}; a measurement counts once: leave one of them out, "
+                    "or say fit = false."
+                )
             seen[key] = what
 
 
